@@ -17,7 +17,7 @@ from facadelake.georeferencing.georeference import georeference_reconstruction
 from facadelake.georeferencing.georeferenced_campaign import GeoreferencedCampaign
 from facadelake.georeferencing.site_frame import SiteFrame
 from schemas.vocabulary import ControlKind, PositionSource
-from tests.synthetic.test_georeference import ORIGIN, Scene, ring
+from tests.synthetic.test_georeference import ORIGIN, Scene, build_ring
 
 ROW = "456630.3296 5421032.8544 182.1937 662.29 1415.99 multiview/IMG_0005.JPG"
 WANTED = "expected x y z pixel_x pixel_y photograph [name]"
@@ -57,16 +57,16 @@ def test_a_missing_file(tmp_path: Path) -> None:
     assert str(raised.value) == (f"control points {path} cannot be read: [Errno 2] No such file or directory: '{path}'")
 
 
-SCENE = Scene(poses=ring())
+SCENE = Scene(poses=build_ring())
 CONTROL = SCENE.control()
 
 
-def misnamed(point: SurveyedPoint) -> SurveyedPoint:
+def misname_photographs(point: SurveyedPoint) -> SurveyedPoint:
     """The point marked in photographs that the campaign does not have."""
     return replace(point, marks=tuple(replace(s, photo_name=f"DJI_{s.photo_name}") for s in point.marks))
 
 
-def placed(
+def georeference(
     control: ControlKind | None,
     points: SurveyedPoints | None,
     photos: pa.Table | None = None,
@@ -83,7 +83,7 @@ def placed(
     )
 
 
-def camera_errors_m(found: GeoreferencedCampaign) -> np.ndarray:
+def compute_camera_errors_m(found: GeoreferencedCampaign) -> np.ndarray:
     truth = {name: centre for name, (centre, _) in zip(SCENE.ids(), SCENE.poses, strict=True)}
     return np.array([np.linalg.norm(posed.centre_site_m - truth[name]) for name, posed in found.cameras.items()])
 
@@ -92,26 +92,26 @@ def camera_errors_m(found: GeoreferencedCampaign) -> np.ndarray:
     ("first", "said"),
     [
         (replace(CONTROL.points[0], x=CONTROL.points[0].x + 100), "control points left out as gross errors: G1"),
-        (misnamed(CONTROL.points[0]), "control points not usable (fewer than 2 agreeing marks): G1"),
+        (misname_photographs(CONTROL.points[0]), "control points not usable (fewer than 2 agreeing marks): G1"),
     ],
     ids=["easting mistyped by 100 m", "photographs' names mistyped"],
 )
 def test_one_bad_control_point_is_named_and_the_others_carry_the_block(first: SurveyedPoint, said: str) -> None:
-    found = placed(None, replace(CONTROL, points=(first, *CONTROL.points[1:])))
+    found = georeference(None, replace(CONTROL, points=(first, *CONTROL.points[1:])))
     assert (found.control, found.row["points_used"], found.row["points_total"]) == ("gcp", 5, 6)
     assert said in found.row["remarks"]
-    assert 0.001 < camera_errors_m(found).max() < 0.1  # m: survey and marks have errors of centimetres
+    assert 0.001 < compute_camera_errors_m(found).max() < 0.1  # m: survey and marks have errors of centimetres
 
 
 def test_control_points_of_other_photographs(tmp_path: Path) -> None:
-    points = replace(CONTROL, points=tuple(misnamed(point) for point in CONTROL.points))
+    points = replace(CONTROL, points=tuple(misname_photographs(point) for point in CONTROL.points))
     with pytest.raises(GeoreferenceError) as raised:
-        placed(ControlKind.GCP, points)
+        georeference(ControlKind.GCP, points)
     assert str(raised.value) == (
         "0 of 6 control points of gcp_list.txt can be used, 3 are needed; each must be marked in 2 or more localised "
         "photographs whose names match the files (not usable: G1, G2, G3, G4, G5, G6)"
     )
-    by_itself = placed(None, points)  # where nobody insists on them, GPS carries the block, and it is said why
+    by_itself = georeference(None, points)  # where nobody insists on them, GPS carries the block, and it is said why
     assert by_itself.control == "gps"
     assert by_itself.row["remarks"].startswith(
         "chosen automatically: gps; 0 of 6 control points of gcp_list.txt can be used (3 are needed); "
@@ -122,19 +122,19 @@ def test_neither_control_points_nor_gps() -> None:
     rows = [row | {"prior_source": PositionSource.NONE} for row in SCENE.photos().to_pylist()]
     photos = pa.Table.from_pylist(rows, schema=SCENE.photos().schema)
     with pytest.raises(GeoreferenceError) as raised:
-        placed(None, None, photos)
+        georeference(None, None, photos)
     assert str(raised.value) == (
         "0 localised photographs have a GPS position with height; 3 or more are needed: "
         "give control points (gcp_list.txt), or photographs with GPS"
     )
     with pytest.raises(GeoreferenceError) as raised:
-        placed(ControlKind.GCP, None, photos)
+        georeference(ControlKind.GCP, None, photos)
     assert str(raised.value) == (
         "georeferencing by control points was requested, but none are given; add a gcp_list.txt"
     )
 
 
-def swapped_gps() -> pa.Table:
+def swap_gps() -> pa.Table:
     """Table `photos` with latitude and longitude exchanged."""
     rows = SCENE.photos().to_pylist()
     for row in rows:
@@ -147,7 +147,7 @@ def swapped_gps() -> pa.Table:
     [
         (
             CONTROL,
-            swapped_gps(),
+            swap_gps(),
             "placed by control points, the block is rotated or scaled against its GPS positions: the median "
             "photograph is … sigmas off (limit 1); check the control points or the model, "
             "or the photographs' GPS (latitude and longitude swapped?)",
@@ -163,7 +163,7 @@ def swapped_gps() -> pa.Table:
 )
 def test_control_that_contradicts_itself(points: SurveyedPoints, photos: pa.Table, message: str) -> None:
     with pytest.raises(GeoreferenceError) as raised:
-        placed(None, points, photos)
+        georeference(None, points, photos)
     assert re.sub(r"\d+\.\d(?= sigmas)", "…", str(raised.value)) == message
 
 
@@ -177,7 +177,7 @@ FAR = (
 @pytest.mark.parametrize(
     ("points", "photos", "message"),
     [
-        (None, swapped_gps(), FAR.format(km="5660", control="gps", lon="48.900", lat="8.400")),
+        (None, swap_gps(), FAR.format(km="5660", control="gps", lon="48.900", lat="8.400")),
         (
             replace(CONTROL, crs="EPSG:25833"),
             SCENE.photos(),
@@ -190,5 +190,5 @@ def test_control_that_puts_the_photographs_far_from_the_building(
     points: SurveyedPoints | None, photos: pa.Table, message: str
 ) -> None:
     with pytest.raises(GeoreferenceError) as raised:
-        placed(None, points, photos)
+        georeference(None, points, photos)
     assert str(raised.value) == message

@@ -63,7 +63,7 @@ def block(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Block:
     return Block(root, photos, found, np.array([truth[photo.photo_id] for photo in found.photos]))
 
 
-def placed(block: Block, shared_data: Path, control: ControlKind) -> GeoreferencedCampaign:
+def georeference(block: Block, shared_data: Path, control: ControlKind) -> GeoreferencedCampaign:
     """Georeference with the castle's control points."""
     return georeference_reconstruction(
         block.reconstruction,
@@ -75,7 +75,7 @@ def placed(block: Block, shared_data: Path, control: ControlKind) -> Georeferenc
     )
 
 
-def error_m(block: Block, found: GeoreferencedCampaign) -> np.ndarray:
+def compute_error_m(block: Block, found: GeoreferencedCampaign) -> np.ndarray:
     """Camera centres minus truth (n, 3)."""
     centres = np.array([found.cameras[photo.photo_id].centre_site_m for photo in block.reconstruction.photos])
     return centres - block.centres_site_m
@@ -110,15 +110,15 @@ def test_tie_points_project_onto_their_pixels(block: Block) -> None:
 
 
 def test_control_points_place_it_to_centimetres_and_gps_to_metres(block: Block, shared_data: Path) -> None:
-    by_control = error_m(block, placed(block, shared_data, ControlKind.GCP))
+    by_control = compute_error_m(block, georeference(block, shared_data, ControlKind.GCP))
     assert 0.003 < np.linalg.norm(by_control, axis=1).mean() < 0.25  # m
-    by_gps = error_m(block, placed(block, shared_data, ControlKind.GPS))
+    by_gps = compute_error_m(block, georeference(block, shared_data, ControlKind.GPS))
     np.testing.assert_allclose(by_gps.mean(axis=0), [1.3, -0.8, 2.1], rtol=0, atol=0.6)  # m, the bias in the tags
 
 
 def test_poses_and_mesh_are_whole(block: Block, shared_data: Path) -> None:
     table = build_poses_table(
-        placed(block, shared_data, ControlKind.GCP), block.reconstruction, block.photos, origin=ORIGIN
+        georeference(block, shared_data, ControlKind.GCP), block.reconstruction, block.photos, origin=ORIGIN
     )
     assert table.num_rows == len(NAMES)
     assert set(table.column("pose_source").to_pylist()) == {"sfm"}

@@ -46,7 +46,7 @@ class Half:
         centres = np.array([posed.centre_site_m for posed in self.published])
         return estimate_similarity(self.reconstruction.centres_sfm, centres)
 
-    def place(self, row: int) -> np.ndarray | None:
+    def intersect(self, row: int) -> np.ndarray | None:
         """Where the published cameras see tie point ``row``, from its sightings alone."""
         sfm = self.reconstruction
         tracks = np.flatnonzero(sfm.image_point_tie_point == row)
@@ -59,7 +59,7 @@ class Half:
         return None if point is None else point.xyz_world
 
 
-def published(row: dict[str, str]) -> PosedCamera:
+def parse_published_camera(row: dict[str, str]) -> PosedCamera:
     """A line of truth."""
     fx, fy, cx, cy = (float(row[f"{name}_px"]) for name in ("fx", "fy", "cx", "cy"))
     cam_from_site = np.array([[float(row[f"cam_from_site_r{i}{j}"]) for j in range(3)] for i in range(3)])
@@ -72,7 +72,7 @@ def published(row: dict[str, str]) -> PosedCamera:
     )
 
 
-def half(castle: Path, numbers: tuple[int, ...], root: Path) -> Half:
+def reconstruct_half(castle: Path, numbers: tuple[int, ...], root: Path) -> Half:
     """Reconstruct some photographs."""
     images = root / "images" / "multiview"
     images.mkdir(parents=True)
@@ -83,7 +83,7 @@ def half(castle: Path, numbers: tuple[int, ...], root: Path) -> Half:
     reconstruct(photos, root / "images", root / "sfm", ReconstructionSettings(max_image_px=1000, max_features=3000))
     found = read_reconstruction(root / "sfm")
     with (castle / "truth" / "cameras.csv").open() as stream:
-        truth = {row["image"]: published(row) for row in csv.DictReader(stream)}
+        truth = {row["image"]: parse_published_camera(row) for row in csv.DictReader(stream)}
     return Half(found, read_descriptors(root / "sfm"), [truth[photo.photo_id] for photo in found.photos])
 
 
@@ -91,7 +91,7 @@ def half(castle: Path, numbers: tuple[int, ...], root: Path) -> Half:
 def halves(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Half, Half]:
     """The earlier and the later campaign."""
     castle, root = shared_data / "castle", tmp_path_factory.mktemp("halves")
-    return half(castle, EARLIER, root / "earlier"), half(castle, LATER, root / "later")
+    return reconstruct_half(castle, EARLIER, root / "earlier"), reconstruct_half(castle, LATER, root / "later")
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +136,7 @@ def test_the_points_found_again_are_the_same_points(halves: tuple[Half, Half], r
     row_of = cKDTree(earlier.by_truth().apply(earlier.reconstruction.xyz_sfm)).query(reference.xyz_site_m)[1]
     step_m = []
     for point, row in list(zip(found.point.tolist(), found.reference.tolist(), strict=True))[::3]:
-        here, there = later.place(point), earlier.place(int(row_of[row]))
+        here, there = later.intersect(point), earlier.intersect(int(row_of[row]))
         if here is not None and there is not None:
             step_m.append(np.linalg.norm(here - there))
     assert len(step_m) > 30

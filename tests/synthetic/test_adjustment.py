@@ -23,15 +23,15 @@ from tests.unit.georeferencing.small_block import (
     SITE_FROM_SFM,
     BoxSurface,
     SmallBlock,
-    marked_points,
-    no_attitudes,
-    no_positions,
-    reconstruction_of,
-    small_block,
-    ties_problem,
-    with_control,
-    with_gps,
-    with_walls,
+    add_control,
+    add_gps,
+    add_walls,
+    build_marked_points,
+    build_no_attitudes,
+    build_no_positions,
+    build_reconstruction,
+    build_small_block,
+    build_tie_point_problem,
 )
 
 TIE_PX = 0.5
@@ -41,21 +41,21 @@ CONTROL = np.arange(0, 200, 17)
 BENT = replace(CAMERA, cx_px=2015.0, cy_px=1491.0, k1=-0.03)
 
 
-def by_control(block: SmallBlock, rng: np.random.Generator) -> AdjustmentProblem:
+def build_control_problem(block: SmallBlock, rng: np.random.Generator) -> AdjustmentProblem:
     """Twelve surveyed tie points."""
-    return with_control(ties_problem(block, rng, tie_px=TIE_PX), block, rng, nodes=CONTROL, sigma_m=0.01)
+    return add_control(build_tie_point_problem(block, rng, tie_px=TIE_PX), block, rng, nodes=CONTROL, sigma_m=0.01)
 
 
-def by_gps(block: SmallBlock, rng: np.random.Generator) -> AdjustmentProblem:
+def build_gps_problem(block: SmallBlock, rng: np.random.Generator) -> AdjustmentProblem:
     """GPS with noise of 0.3 m and a bias drawn from 2 m."""
-    problem = ties_problem(block, rng, tie_px=TIE_PX)
-    return with_gps(problem, block, rng, noise_m=0.3, bias_m=[rng.normal(0, 2.0, 3)], bias_sigma_m=2.0)
+    problem = build_tie_point_problem(block, rng, tie_px=TIE_PX)
+    return add_gps(problem, block, rng, noise_m=0.3, bias_m=[rng.normal(0, 2.0, 3)], bias_sigma_m=2.0)
 
 
-def by_walls(block: SmallBlock, rng: np.random.Generator) -> AdjustmentProblem:
+def build_walls_problem(block: SmallBlock, rng: np.random.Generator) -> AdjustmentProblem:
     """The faces of a model that the building's walls stand off by 3 cm each, with 2 cm of relief."""
-    problem = ties_problem(block, rng, tie_px=TIE_PX)
-    return with_walls(problem, block, rng, relief_m=0.02, wall_deviation_m=rng.normal(0, 0.03, 5), wall_sigma_m=0.03)
+    problem = build_tie_point_problem(block, rng, tie_px=TIE_PX)
+    return add_walls(problem, block, rng, relief_m=0.02, wall_deviation_m=rng.normal(0, 0.03, 5), wall_sigma_m=0.03)
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Trial:
     iterations: int
 
 
-def trial(block: SmallBlock, problem: AdjustmentProblem) -> Trial:
+def run_trial(block: SmallBlock, problem: AdjustmentProblem) -> Trial:
     """Solve and compare with the truth."""
     solution = solve_adjustment(problem)
     assert solution.converged
@@ -81,11 +81,11 @@ def trial(block: SmallBlock, problem: AdjustmentProblem) -> Trial:
 
 
 def test_without_noise_the_truth_is_found() -> None:
-    block = small_block(camera=BENT)
+    block = build_small_block(camera=BENT)
     rng = np.random.default_rng(1)
     start = replace(CAMERA, fx_px=2930.0, fy_px=2930.0)
-    problem = ties_problem(block, rng, tie_px=0.0, start_m=0.1, start_deg=0.5, lens=start)
-    problem = with_control(problem, block, rng, nodes=CONTROL, sigma_m=0.01)
+    problem = build_tie_point_problem(block, rng, tie_px=0.0, start_m=0.1, start_deg=0.5, lens=start)
+    problem = add_control(problem, block, rng, nodes=CONTROL, sigma_m=0.01)
     exact = replace(problem, point_priors=replace(problem.point_priors, xyz_m=block.xyz_m[CONTROL]))
     # what is known of the lens beforehand agrees with it: nothing pulls
     exact = replace(exact, lens_prior_mean=lens_from_camera(BENT)[None])
@@ -100,14 +100,14 @@ def test_without_noise_the_truth_is_found() -> None:
 
 @pytest.mark.parametrize(
     ("make", "smallest_m", "largest_m"),
-    [(by_control, 0.004, 0.02), (by_gps, 1.0, 5.0), (by_walls, 0.03, 0.12)],
+    [(build_control_problem, 0.004, 0.02), (build_gps_problem, 1.0, 5.0), (build_walls_problem, 0.03, 0.12)],
 )
 def test_errors_are_as_large_as_their_covariance_says(
     make: Callable[[SmallBlock, np.random.Generator], AdjustmentProblem], smallest_m: float, largest_m: float
 ) -> None:
     """Twenty draws of all noise: the mean squared error is the covariance's, and 95 % ellipsoids hold the truth."""
-    block = small_block()
-    trials = [trial(block, make(block, np.random.default_rng(100 + seed))) for seed in range(SEEDS)]
+    block = build_small_block()
+    trials = [run_trial(block, make(block, np.random.default_rng(100 + seed))) for seed in range(SEEDS)]
     normalised = np.array([found.normalised for found in trials])
     assert 0.7 < normalised.mean() / 6 < 1.3
     assert 0.88 < (normalised < CHI_SQUARE_95_OF_6).mean() <= 1.0
@@ -119,12 +119,16 @@ def test_errors_are_as_large_as_their_covariance_says(
 @pytest.mark.parametrize("views", [2, 3])
 def test_short_tracks_do_not_look_better_than_they_are(views: int) -> None:
     """A point seen twice fits any noise but its epipolar part: its residuals are half its errors."""
-    block = small_block(points=300, longest_track=views)
+    block = build_small_block(points=300, longest_track=views)
     trials = [
-        trial(
+        run_trial(
             block,
-            with_control(
-                ties_problem(block, rng, tie_px=TIE_PX), block, rng, nodes=np.arange(0, 300, 25), sigma_m=0.01
+            add_control(
+                build_tie_point_problem(block, rng, tie_px=TIE_PX),
+                block,
+                rng,
+                nodes=np.arange(0, 300, 25),
+                sigma_m=0.01,
             ),
         )
         for rng in (np.random.default_rng(300 + seed) for seed in range(8))
@@ -134,30 +138,30 @@ def test_short_tracks_do_not_look_better_than_they_are(views: int) -> None:
 
 
 def test_a_fifth_of_the_ties_may_be_wrong() -> None:
-    block = small_block()
+    block = build_small_block()
     clean, spoilt = [], []
     for seed in range(8):
-        problem = by_control(block, np.random.default_rng(100 + seed))
-        clean.append(trial(block, problem))
+        problem = build_control_problem(block, np.random.default_rng(100 + seed))
+        clean.append(run_trial(block, problem))
         rng = np.random.default_rng(200 + seed)
         seen = problem.image_points
         wrong = rng.uniform(size=len(seen.photo)) < 0.2
         away = rng.normal(size=(len(wrong), 2))
         away *= rng.uniform(20, 300, (len(wrong), 1)) / np.linalg.norm(away, axis=1, keepdims=True)
         xy = seen.xy_img + np.where(wrong[:, None], away, 0)
-        spoilt.append(trial(block, replace(problem, image_points=replace(seen, xy_img=xy))))
+        spoilt.append(run_trial(block, replace(problem, image_points=replace(seen, xy_img=xy))))
     error_m = [np.sqrt(np.mean([(t.errors[:, :3] ** 2).sum(axis=1) for t in of])) for of in (clean, spoilt)]
     assert 0.9 < error_m[1] / error_m[0] < 1.6  # a fifth less evidence, and a little of the outliers' pull
     assert 0.4 < np.mean([t.normalised.mean() for t in spoilt]) / 6 < 1.5
 
 
 def test_each_flights_gps_has_its_own_offset() -> None:
-    block = small_block()
+    block = build_small_block()
     biases = np.array([[1.5, -0.7, 3.0], [-0.8, 0.4, -2.0]])
     left, sigmas = [], []
     for seed in range(12):
         rng = np.random.default_rng(400 + seed)
-        problem = with_gps(by_control(block, rng), block, rng, noise_m=0.2, bias_m=biases, bias_sigma_m=3.0)
+        problem = add_gps(build_control_problem(block, rng), block, rng, noise_m=0.2, bias_m=biases, bias_sigma_m=3.0)
         solution = solve_adjustment(problem)
         _, covariance = compute_covariance(problem, solution, 1.0)
         layout = ParameterIndex.build(problem)
@@ -170,10 +174,10 @@ def test_each_flights_gps_has_its_own_offset() -> None:
 
 
 def test_two_flights_without_control_know_their_difference_and_not_their_place() -> None:
-    block = small_block()
+    block = build_small_block()
     rng = np.random.default_rng(5)
-    problem = ties_problem(block, rng, tie_px=TIE_PX)
-    problem = with_gps(problem, block, rng, noise_m=0.2, bias_m=[[2.0, 0, 0], [-2.0, 0, 0]], bias_sigma_m=3.0)
+    problem = build_tie_point_problem(block, rng, tie_px=TIE_PX)
+    problem = add_gps(problem, block, rng, noise_m=0.2, bias_m=[[2.0, 0, 0], [-2.0, 0, 0]], bias_sigma_m=3.0)
     solution = solve_adjustment(problem)
     _, covariance = compute_covariance(problem, solution, 1.0)
     offset = ParameterIndex.build(problem).gps_offset
@@ -184,25 +188,25 @@ def test_two_flights_without_control_know_their_difference_and_not_their_place()
     np.testing.assert_allclose(np.sqrt(covariance[offset, offset]), 3 / np.sqrt(2), rtol=0, atol=0.1)  # m
 
 
-def adjusted_by_control(
+def adjust_to_control(
     block: SmallBlock, seed: int, lens: Camera | None = None, moved_m: float = 0.0
 ) -> tuple[AdjustedBlock, MarkedPoints]:
     """The whole adjustment from a reconstruction on; G3 is surveyed ``moved_m`` too high."""
     rng = np.random.default_rng(seed)
-    marked = marked_points(block, rng, points=CONTROL, survey_m=0.01, mark_px=0.7)
+    marked = build_marked_points(block, rng, points=CONTROL, survey_m=0.01, mark_px=0.7)
     marked.xyz_site_m[3, 2] += moved_m
-    evidence = ControlObservations(positions=no_positions(), attitudes=no_attitudes(), marked=marked)
-    reconstruction = reconstruction_of(block, rng, tie_px=TIE_PX, lens=lens)
+    evidence = ControlObservations(positions=build_no_positions(), attitudes=build_no_attitudes(), marked=marked)
+    reconstruction = build_reconstruction(block, rng, tie_px=TIE_PX, lens=lens)
     return adjust_block(reconstruction, SITE_FROM_SFM, evidence), marked
 
 
 def test_a_lens_is_found_and_terms_that_it_does_not_have_are_held() -> None:
     """The principal point 15 px from the middle, k1 -0.03; no k2, p1, p2, square pixels."""
-    block = small_block(camera=BENT, points=300)
+    block = build_small_block(camera=BENT, points=300)
     truth = lens_from_camera(BENT)
     held, left = [], []
     for seed in range(6):
-        adjusted, _ = adjusted_by_control(block, seed, lens=CAMERA)
+        adjusted, _ = adjust_to_control(block, seed, lens=CAMERA)
         found = adjusted.solution.state.lens[0]
         left.append(((found - truth) / np.where(adjusted.lens_sigma[0] > 0, adjusted.lens_sigma[0], np.inf))[:5])
         held.append(len(adjusted.fixed_parameters))
@@ -218,8 +222,8 @@ def test_a_lens_is_found_and_terms_that_it_does_not_have_are_held() -> None:
 
 
 def test_a_lens_term_that_the_photographs_show_is_not_held() -> None:
-    block = small_block(camera=replace(CAMERA, p1=2e-3), points=300)
-    adjusted, _ = adjusted_by_control(block, 1, lens=CAMERA)
+    block = build_small_block(camera=replace(CAMERA, p1=2e-3), points=300)
+    adjusted, _ = adjust_to_control(block, 1, lens=CAMERA)
     assert "p1 of camera 1" not in adjusted.fixed_parameters
     found, sigma = adjusted.solution.state.lens[0, 6], adjusted.lens_sigma[0, 6]
     assert 0 < sigma < 5e-4
@@ -228,10 +232,10 @@ def test_a_lens_term_that_the_photographs_show_is_not_held() -> None:
 
 def test_the_stated_covariance_is_never_smaller_than_the_formal_one() -> None:
     """The whole adjustment: what disagrees between regions of the building is added, so truth lies well inside."""
-    block = small_block(points=300)
+    block = build_small_block(points=300)
     normalised = []
     for seed in range(4):
-        adjusted, _ = adjusted_by_control(block, 20 + seed)
+        adjusted, _ = adjust_to_control(block, 20 + seed)
         errors = block.errors(adjusted.solution.state)
         normalised.append(np.einsum("ni,nij,nj->n", errors, np.linalg.inv(adjusted.covariance), errors))
         grown = adjusted.uncertainty.covariance - adjusted.uncertainty.formal
@@ -241,8 +245,8 @@ def test_the_stated_covariance_is_never_smaller_than_the_formal_one() -> None:
 
 def test_a_moved_control_point_is_seen_when_it_is_left_out() -> None:
     """Twenty centimetres too high: held out it shows them, in the fit there is less of them, and the block stays."""
-    block = small_block()
-    adjusted, marked = adjusted_by_control(block, 7, moved_m=0.2)
+    block = build_small_block()
+    adjusted, marked = adjust_to_control(block, 7, moved_m=0.2)
     held_out = compute_held_out_residuals(adjusted, marked)
     assert sorted(held_out) == list(range(len(CONTROL)))
     np.testing.assert_allclose(held_out[3], [0, 0, 0.2], rtol=0, atol=0.05)  # m; survey and block, four sigmas
@@ -256,12 +260,12 @@ def test_a_moved_control_point_is_seen_when_it_is_left_out() -> None:
 
 def test_a_model_holds_a_block_against_the_bias_of_its_gps() -> None:
     """It begins on the walls, as walls' alignment leaves it; GPS is more than a metre off and must not take it back."""
-    block = small_block(points=400)
+    block = build_small_block(points=400)
     means = []
     for seed in range(4):
         rng = np.random.default_rng(60 + seed)
-        positions = with_gps(
-            ties_problem(block, rng, tie_px=TIE_PX),
+        positions = add_gps(
+            build_tie_point_problem(block, rng, tie_px=TIE_PX),
             block,
             rng,
             noise_m=0.3,
@@ -270,8 +274,8 @@ def test_a_model_holds_a_block_against_the_bias_of_its_gps() -> None:
         ).positions
         off = replace(SITE_FROM_SFM, translation=SITE_FROM_SFM.translation + rng.normal(0, 0.1, 3))
         model = SurfaceConstraint(surface=BoxSurface(), sigma_m=0.02)
-        evidence = ControlObservations(positions=positions, attitudes=no_attitudes(), model=model)
-        adjusted = adjust_block(reconstruction_of(block, rng, tie_px=TIE_PX), off, evidence)
+        evidence = ControlObservations(positions=positions, attitudes=build_no_attitudes(), model=model)
+        adjusted = adjust_block(build_reconstruction(block, rng, tie_px=TIE_PX), off, evidence)
         assert len(adjusted.problem.point_to_plane.wall_sigma_m) == 5
         assert len(adjusted.problem.point_to_plane.point) > 350
         means.append(block.errors(adjusted.solution.state)[:, :3].mean(axis=0))

@@ -22,7 +22,7 @@ from facadelake.georeferencing.poses_table import build_poses_table
 from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.sfm.reconstruction import LocalisedPhoto, Reconstruction, UnlocalisedPhoto
 from schemas.vocabulary import ControlKind
-from tests.unit.georeferencing.small_block import BoxSurface, looking
+from tests.unit.georeferencing.small_block import BoxSurface, rotation_from_target
 
 ORIGIN = SiteOrigin(lon_deg=8.4, lat_deg=48.9, height_ellipsoidal_m=180.0)
 CAMERA = Camera(width_px=4000, height_px=3000, fx_px=2900, fy_px=2900, cx_px=2010, cy_px=1490, k1=-0.02)
@@ -36,27 +36,27 @@ BIAS = np.array([1.3, -0.8, 2.1])
 NOISE = np.array([0.4, 0.4, 0.7])
 
 
-def ring(count: int = 24) -> list[tuple[np.ndarray, np.ndarray]]:
+def build_ring(count: int = 24) -> list[tuple[np.ndarray, np.ndarray]]:
     """Cameras around the building, at three heights."""
     out = []
     for k in range(count):
         angle = 2 * np.pi * k / count
         centre = np.array([26 * np.cos(angle), 22 * np.sin(angle), (3.0, 7.0, 11.0)[k % 3]])
-        out.append((centre, looking(np.array([0, 0, 6.0]), centre)))
+        out.append((centre, rotation_from_target(np.array([0, 0, 6.0]), centre)))
     return out
 
 
-def line(count: int = 16) -> list[tuple[np.ndarray, np.ndarray]]:
+def build_line(count: int = 16) -> list[tuple[np.ndarray, np.ndarray]]:
     """Cameras along one facade, all at one height, square-on."""
     centres = [np.array([x, -20.0, 6.0]) for x in np.linspace(-12, 12, count)]
-    return [(centre, looking(centre + np.array([0, 1.0, 0]), centre)) for centre in centres]
+    return [(centre, rotation_from_target(centre + np.array([0, 1.0, 0]), centre)) for centre in centres]
 
 
 BOX = BoxSurface(half_m=(10.0, 6.0), height_m=14.0, ground=False)
 BOX_ON_GROUND = BoxSurface(half_m=(10.0, 6.0), height_m=14.0)
 
 
-def model(*, ground: bool = False) -> ModelControl:
+def build_model(*, ground: bool = False) -> ModelControl:
     """The box as control, without photographs to look for its edges in; the building stands off it by centimetres."""
     return ModelControl(surface=BOX_ON_GROUND if ground else BOX, sigma_m=0.03, ground_site_m=0.0)
 
@@ -203,7 +203,7 @@ class Scene:
 
 
 def test_gps_leaves_its_common_bias_and_averages_its_noise() -> None:
-    scene = Scene(ring())
+    scene = Scene(build_ring())
     found = scene.placed(ControlKind.GPS)
     offset = scene.error_m(found).mean(axis=0)
     # 24 photographs: noise of the mean 0.08, 0.08, 0.14 m; four sigma
@@ -220,7 +220,7 @@ def test_gps_leaves_its_common_bias_and_averages_its_noise() -> None:
 
 
 def test_a_gross_gps_error_is_left_out_and_named() -> None:
-    scene = Scene(ring(), bias=np.zeros(3))
+    scene = Scene(build_ring(), bias=np.zeros(3))
     found = scene.placed(ControlKind.GPS, photos=scene.photos({7: np.array([60.0, 0, 0]), 9: np.array([0, 0, -90.0])}))
     assert found.row["points_used"] == 22
     assert "gross errors: p07.jpg, p09.jpg" in found.row["remarks"]
@@ -228,7 +228,7 @@ def test_a_gross_gps_error_is_left_out_and_named() -> None:
 
 
 def test_control_points_place_the_block_to_a_centimetre() -> None:
-    scene = Scene(ring())
+    scene = Scene(build_ring())
     found = scene.placed(None, control_points=scene.control())
     assert found.control is ControlKind.GCP
     error = np.linalg.norm(scene.error_m(found), axis=1)
@@ -244,7 +244,7 @@ def test_control_points_place_the_block_to_a_centimetre() -> None:
 
 
 def test_a_blunder_among_control_points_is_left_out_and_named() -> None:
-    scene = Scene(ring())
+    scene = Scene(build_ring())
     good = scene.control()
     wrong = good.points[2]
     moved = SurveyedPoint(name=wrong.name, x=wrong.x + 2.0, y=wrong.y, z=wrong.z, marks=wrong.marks)
@@ -256,7 +256,7 @@ def test_a_blunder_among_control_points_is_left_out_and_named() -> None:
 
 
 def test_check_points_tell_and_hold_nothing() -> None:
-    scene = Scene(ring())
+    scene = Scene(build_ring())
     every = scene.control()
     off = replace(every.points[5], z=every.points[5].z + 0.3)
     found = scene.placed(
@@ -278,7 +278,7 @@ def test_check_points_tell_and_hold_nothing() -> None:
 
 def test_control_points_of_another_block_are_refused() -> None:
     """Marks and coordinates that belong together by name alone: neither a majority nor GPS supports them."""
-    scene = Scene(ring())
+    scene = Scene(build_ring())
     good = scene.control()
     swapped = tuple(
         SurveyedPoint(name=p.name, x=q.x, y=q.y, z=q.z, marks=p.marks)
@@ -289,7 +289,7 @@ def test_control_points_of_another_block_are_refused() -> None:
 
 
 def test_too_few_control_points() -> None:
-    scene = Scene(ring(12))
+    scene = Scene(build_ring(12))
     two = scene.control(count=2)
     found = scene.placed(None, control_points=two, limit_m=60.0)
     assert found.control is ControlKind.GPS
@@ -303,8 +303,8 @@ def test_too_few_control_points() -> None:
 
 
 def test_walls_alone_fix_the_plan_and_leave_the_height_to_gps() -> None:
-    scene = Scene(ring(16))
-    found = scene.placed(ControlKind.MODEL, model=model(), limit_m=60.0)
+    scene = Scene(build_ring(16))
+    found = scene.placed(ControlKind.MODEL, model=build_model(), limit_m=60.0)
     offset = scene.error_m(found).mean(axis=0)
     assert 1e-5 < np.linalg.norm(offset[:2]) < 0.03  # m; 1.5 m before
     assert 1.3 < offset[2] < 2.9  # m: the bias of 2.1 m is still there
@@ -317,23 +317,23 @@ def test_walls_alone_fix_the_plan_and_leave_the_height_to_gps() -> None:
 
 
 def test_walls_and_ground_fix_the_height_too() -> None:
-    scene = Scene(ring(16), ground=True)
-    found = scene.placed(ControlKind.MODEL, model=model(ground=True))
+    scene = Scene(build_ring(16), ground=True)
+    found = scene.placed(ControlKind.MODEL, model=build_model(ground=True))
     assert 1e-5 < np.linalg.norm(scene.error_m(found).mean(axis=0)) < 0.05  # m
     assert "not determined by the model" not in found.row["remarks"]
     assert found.row["gps_offset_up_m"] == pytest.approx(2.1, abs=0.7)  # m
 
 
 def test_a_model_of_another_place_is_refused() -> None:
-    scene = Scene(ring(), bias=np.array([300.0, 0, 0]))
+    scene = Scene(build_ring(), bias=np.array([300.0, 0, 0]))
     with pytest.raises(GeoreferenceError, match=r"tie points lie within 4.0 m of the model's visible surface"):
-        scene.placed(ControlKind.MODEL, model=model())
+        scene.placed(ControlKind.MODEL, model=build_model())
     with pytest.raises(GeoreferenceError, match="has no model surface"):
         scene.placed(ControlKind.MODEL)
 
 
 def test_cameras_on_a_line_need_attitudes() -> None:
-    scene = Scene(line(), bias=np.zeros(3))
+    scene = Scene(build_line(), bias=np.zeros(3))
     found = scene.placed(ControlKind.GPS)
     assert "nearly collinear" in found.row["remarks"]
     turned = [
@@ -342,11 +342,11 @@ def test_cameras_on_a_line_need_attitudes() -> None:
     ]
     assert 0.05 < np.mean(turned) < 3.5  # deg; yaw was off by 2
     with pytest.raises(GeoreferenceError, match="have no gimbal attitude"):
-        Scene(line(), attitude=False).placed(ControlKind.GPS)
+        Scene(build_line(), attitude=False).placed(ControlKind.GPS)
 
 
 def test_without_gps_the_message_says_what_to_give() -> None:
-    scene = Scene(ring())
+    scene = Scene(build_ring())
     photos = scene.photos()
     column = pa.array(["none"] * len(photos))
     bare = photos.set_column(photos.schema.get_field_index("prior_source"), photos.schema.field("prior_source"), column)
@@ -355,7 +355,7 @@ def test_without_gps_the_message_says_what_to_give() -> None:
 
 
 def test_poses_table_says_the_same_as_the_cameras() -> None:
-    scene = Scene(ring(9))
+    scene = Scene(build_ring(9))
     photos = scene.photos()
     found = scene.placed(ControlKind.GPS, photos=photos)
     rows = {

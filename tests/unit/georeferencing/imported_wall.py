@@ -25,13 +25,13 @@ LOOKS_NORTH = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 LENS = "2800,2810,2010.5,1490.5"
 
 
-def wall() -> Surface:
+def build_wall() -> Surface:
     """20 m wide, 8 m high, its foot on the ground."""
     corners = np.array([[-10.0, 0, 0], [10.0, 0, 0], [10.0, 0, 8.0], [-10.0, 0, 8.0]])
     return Surface.from_mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]))
 
 
-def photos(names: list[str] | None = None, **columns: Any) -> pa.Table:
+def build_photos(names: list[str] | None = None, **columns: Any) -> pa.Table:
     """Table ``photos``; ``columns`` go over what every row says."""
     return table_from_rows(
         "photos",
@@ -45,12 +45,12 @@ def photos(names: list[str] | None = None, **columns: Any) -> pa.Table:
     )  # fmt: skip
 
 
-def geo(xyz_site_m: Array) -> str:
+def format_geo(xyz_site_m: Array) -> str:
     lon, lat, height = ORIGIN.geo_from_site(xyz_site_m[None])[0]
     return f"{lon:.11f},{lat:.11f},{height:.6f}"
 
 
-def quaternion() -> str:
+def format_quaternion() -> str:
     """Of LOOKS_NORTH as world_from_cam: a turn by -90 degrees about east."""
     return f"{np.sqrt(0.5):.12f},{-np.sqrt(0.5):.12f},0,0"
 
@@ -61,8 +61,11 @@ def write(path: Path, text: str) -> Path:
     return path
 
 
-def geo_csv(folder: Path, head: str = "# rotation: world_from_cam\n", turn: str | None = None) -> Path:
+def write_geo_csv(folder: Path, head: str = "# rotation: world_from_cam\n", turn: str | None = None) -> Path:
     """The four cameras by longitude, latitude, height and quaternion."""
-    lines = [f"{name},{geo(xyz)},{turn or quaternion()},{LENS}" for name, xyz in zip(NAMES, CENTRES, strict=True)]
+    lines = [
+        f"{name},{format_geo(xyz)},{turn or format_quaternion()},{LENS}"
+        for name, xyz in zip(NAMES, CENTRES, strict=True)
+    ]
     columns = "image,lon_deg,lat_deg,height_ellipsoidal_m,qw,qx,qy,qz,fx_px,fy_px,cx_px,cy_px"
     return write(folder / "poses.csv", "\n".join([head + columns, *lines]))

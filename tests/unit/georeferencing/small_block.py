@@ -33,7 +33,7 @@ NORMALS = np.array([[0.0, -1, 0], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, 0, 1]])
 PLANES_M = np.array([4.0, 5.0, 4.0, 5.0, 0.0])
 
 
-def looking(at: Float64Array, centre: Float64Array) -> Float64Array:
+def rotation_from_target(at: Float64Array, centre: Float64Array) -> Float64Array:
     """site_from_cam rotation (3, 3) of an upright camera."""
     z = (at - centre) / np.linalg.norm(at - centre)
     x = np.cross(z, [0, 0, 1.0])
@@ -111,7 +111,7 @@ class BoxSurface:
         )
 
 
-def small_block(
+def build_small_block(
     photographs: int = 12, points: int = 200, camera: Camera = CAMERA, longest_track: int | None = None
 ) -> SmallBlock:
     """Cameras all around the box at three heights, every other one upright; ``longest_track`` keeps tracks short."""
@@ -123,7 +123,8 @@ def small_block(
         roll = Rotation.from_euler("z", 90.0 * (k % 2), degrees=True).as_matrix()
         posed.append(
             PosedCamera(
-                camera=camera, site_from_cam=Similarity(rotation=looking(at, centre) @ roll, translation=centre)
+                camera=camera,
+                site_from_cam=Similarity(rotation=rotation_from_target(at, centre) @ roll, translation=centre),
             )
         )
     plane = np.arange(points) % 5
@@ -163,13 +164,13 @@ def small_block(
     )
 
 
-def no_positions() -> PositionTerms:
+def build_no_positions() -> PositionTerms:
     """No GPS."""
     none, empty = np.zeros(0, dtype=np.int64), np.zeros((0, 3))
     return PositionTerms(photo=none, flight=none, xyz_site_m=empty, sigma_m=empty, offset_sigma_m=empty)
 
 
-def no_attitudes() -> AttitudeTerms:
+def build_no_attitudes() -> AttitudeTerms:
     """No gimbal."""
     none = np.zeros(0, dtype=np.int64)
     return AttitudeTerms(
@@ -181,7 +182,7 @@ def no_attitudes() -> AttitudeTerms:
     )
 
 
-def ties_problem(
+def build_tie_point_problem(
     block: SmallBlock,
     rng: np.random.Generator,
     *,
@@ -218,14 +219,14 @@ def ties_problem(
             loss_scale=np.zeros(0),
         ),
         point_to_plane=build_empty_terms(),
-        positions=no_positions(),
-        attitudes=no_attitudes(),
+        positions=build_no_positions(),
+        attitudes=build_no_attitudes(),
         lens_prior_mean=lens_from_camera(begin)[None],
         lens_prior_sigma=sigma[None],
     )
 
 
-def with_control(
+def add_control(
     problem: AdjustmentProblem, block: SmallBlock, rng: np.random.Generator, *, nodes: RowIndices, sigma_m: float
 ) -> AdjustmentProblem:
     """Some tie points surveyed within ``sigma_m``."""
@@ -241,7 +242,7 @@ def with_control(
     )
 
 
-def with_gps(
+def add_gps(
     problem: AdjustmentProblem,
     block: SmallBlock,
     rng: np.random.Generator,
@@ -265,7 +266,7 @@ def with_gps(
     )
 
 
-def with_walls(
+def add_walls(
     problem: AdjustmentProblem,
     block: SmallBlock,
     rng: np.random.Generator,
@@ -289,7 +290,7 @@ def with_walls(
     )
 
 
-def holding_lens(problem: AdjustmentProblem, *terms: str) -> AdjustmentProblem:
+def fix_lens(problem: AdjustmentProblem, *terms: str) -> AdjustmentProblem:
     """The problem with lens ``terms`` (all, where none is named) held at their mean."""
     held = np.isin(LENS_PARAMETERS, terms) if terms else np.ones(len(LENS_PARAMETERS), dtype=bool)
     return replace(problem, lens_prior_sigma=np.where(held, 0.0, problem.lens_prior_sigma))
@@ -302,7 +303,7 @@ SITE_FROM_SFM = Similarity(
 )
 
 
-def reconstruction_of(
+def build_reconstruction(
     block: SmallBlock, rng: np.random.Generator, *, tie_px: float, lens: Camera | None = None, start_m: float = 0.02
 ) -> Reconstruction:
     """The block as structure from motion leaves it: tie points within ``tie_px``, places within ``start_m``, and the
@@ -334,7 +335,7 @@ def reconstruction_of(
     )
 
 
-def marked_points(
+def build_marked_points(
     block: SmallBlock, rng: np.random.Generator, *, points: RowIndices, survey_m: float, mark_px: float
 ) -> MarkedPoints:
     """Tie points surveyed within ``survey_m`` and marked anew within ``mark_px`` wherever they are seen."""

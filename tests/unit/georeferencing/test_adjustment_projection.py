@@ -13,7 +13,7 @@ CAMERA = Camera(
 )  # fmt: skip
 
 
-def points(count: int = 60) -> np.ndarray:
+def draw_points(count: int = 60) -> np.ndarray:
     """Points (n, 3) in cam, out to the image's corners."""
     rng = np.random.default_rng(3)
     depth = rng.uniform(3, 40, count)
@@ -21,7 +21,7 @@ def points(count: int = 60) -> np.ndarray:
 
 
 def test_pixels_are_the_cameras_and_opencvs() -> None:
-    xyz = points()
+    xyz = draw_points()
     found = project(xyz, np.tile(lens_from_camera(CAMERA), (len(xyz), 1)))
     np.testing.assert_allclose(found.xy_img, CAMERA.project(xyz), rtol=0, atol=1e-9)  # px
     by_opencv, _ = cv2.projectPoints(xyz, np.zeros(3), np.zeros(3), CAMERA.matrix, CAMERA.distortion)
@@ -30,7 +30,7 @@ def test_pixels_are_the_cameras_and_opencvs() -> None:
 
 
 def test_derivatives_are_difference_quotients_of_opencv() -> None:
-    xyz = points()
+    xyz = draw_points()
     found = project(xyz, np.tile(lens_from_camera(CAMERA), (len(xyz), 1)))
 
     def pixels(at: np.ndarray, lens: np.ndarray) -> np.ndarray:
@@ -51,7 +51,7 @@ def test_derivatives_are_difference_quotients_of_opencv() -> None:
 
 
 def test_each_point_has_its_own_lens() -> None:
-    xyz = points(2)
+    xyz = draw_points(2)
     other = Camera(width_px=4000, height_px=3000, fx_px=2900.0, fy_px=2900.0, cx_px=2000.0, cy_px=1500.0)
     found = project(xyz, np.array([lens_from_camera(CAMERA), lens_from_camera(other)]))
     np.testing.assert_allclose(found.xy_img[0], CAMERA.project(xyz[:1])[0], rtol=0, atol=1e-9)  # px

@@ -19,25 +19,25 @@ from facadelake.georeferencing.adjustment.reduced_system import build_reduced_sy
 from facadelake.georeferencing.adjustment.solve import Solution, compute_covariance, solve_adjustment
 from facadelake.georeferencing.adjustment.uncertainty import Uncertainty, compute_leave_one_out_residual
 from tests.unit.georeferencing.small_block import (
-    holding_lens,
-    small_block,
-    ties_problem,
-    with_control,
-    with_gps,
-    with_walls,
+    add_control,
+    add_gps,
+    add_walls,
+    build_small_block,
+    build_tie_point_problem,
+    fix_lens,
 )
 
 SIGMA_PX = 0.6
 
 
-def every_kind_of_term() -> AdjustmentProblem:
+def build_complete_problem() -> AdjustmentProblem:
     """Six photographs, two lenses, tie points, lines, surveyed points, walls, GPS of two flights, attitudes."""
     rng = np.random.default_rng(4)
-    block = small_block(photographs=6, points=30)
-    problem = ties_problem(block, rng, tie_px=0.7, start_m=0.01, start_deg=0.05)
-    problem = with_control(problem, block, rng, nodes=np.array([1, 5, 9]), sigma_m=0.02)
-    problem = with_gps(problem, block, rng, noise_m=0.3, bias_m=[[1.0, 0, 2], [0, -1, 0.5]], bias_sigma_m=2.0)
-    problem = with_walls(
+    block = build_small_block(photographs=6, points=30)
+    problem = build_tie_point_problem(block, rng, tie_px=0.7, start_m=0.01, start_deg=0.05)
+    problem = add_control(problem, block, rng, nodes=np.array([1, 5, 9]), sigma_m=0.02)
+    problem = add_gps(problem, block, rng, noise_m=0.3, bias_m=[[1.0, 0, 2], [0, -1, 0.5]], bias_sigma_m=2.0)
+    problem = add_walls(
         problem,
         block,
         rng,
@@ -69,7 +69,7 @@ def every_kind_of_term() -> AdjustmentProblem:
     )
     priors = problem.point_priors
     factor = rng.normal(size=(2, 3, 3))
-    return holding_lens(
+    return fix_lens(
         replace(
             problem,
             block=replace(
@@ -110,7 +110,7 @@ class Group:
     share: float = 1.0
 
 
-def groups_of(problem: AdjustmentProblem, state: AdjustmentState) -> list[Group]:
+def list_groups(problem: AdjustmentProblem, state: AdjustmentState) -> list[Group]:
     """Every observation, written out by hand from the definitions in ``problem``."""
     seen, block = problem.image_points, problem.block
     xy = np.empty_like(seen.xy_img)
@@ -154,7 +154,7 @@ def groups_of(problem: AdjustmentProblem, state: AdjustmentState) -> list[Group]
     ]
 
 
-def robust_cost(groups: list[Group]) -> float:
+def compute_robust_cost(groups: list[Group]) -> float:
     """The cost by Cauchy's loss, limit^2 log(1 + s / limit^2)."""
     cost = 0.0
     for group in groups:
@@ -164,7 +164,7 @@ def robust_cost(groups: list[Group]) -> float:
     return cost
 
 
-def weights(groups: list[Group]) -> np.ndarray:
+def compute_weights(groups: list[Group]) -> np.ndarray:
     """The weights of reweighted least squares, one for each scalar residual."""
     out = []
     for group in groups:
@@ -175,7 +175,7 @@ def weights(groups: list[Group]) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Dense:
+class DenseSystem:
     """The whole problem: ``matrix`` and ``gradient`` of kept unknowns and then nodes; ``free`` are not held."""
 
     matrix: np.ndarray
@@ -184,33 +184,33 @@ class Dense:
     kept: int
 
 
-def dense(problem: AdjustmentProblem, state: AdjustmentState) -> Dense:
+def build_dense_system(problem: AdjustmentProblem, state: AdjustmentState) -> DenseSystem:
     """Normal equations of the whole by difference quotients of every residual."""
     kept, nodes = ParameterIndex.build(problem).size, len(state.xyz_site_m)
 
     def flat(step: np.ndarray) -> np.ndarray:
         at = apply_step(state, problem, step[:kept], step[kept:].reshape(-1, 3))
-        return np.concatenate([group.residual.ravel() for group in groups_of(problem, at)])
+        return np.concatenate([group.residual.ravel() for group in list_groups(problem, at)])
 
-    jacobian = slopes(flat, kept + 3 * nodes)
-    weighted = jacobian * weights(groups_of(problem, state))[:, None]
+    jacobian = differentiate(flat, kept + 3 * nodes)
+    weighted = jacobian * compute_weights(list_groups(problem, state))[:, None]
     held = np.zeros(kept + 3 * nodes, dtype=bool)
     held[ParameterIndex.build(problem).lens : ParameterIndex.build(problem).gps_offset] = (
         problem.lens_prior_sigma.ravel() == 0
     )
-    return Dense(weighted.T @ jacobian, weighted.T @ flat(np.zeros(kept + 3 * nodes)), ~held, kept)
+    return DenseSystem(weighted.T @ jacobian, weighted.T @ flat(np.zeros(kept + 3 * nodes)), ~held, kept)
 
 
-def slopes(function: Callable[[np.ndarray], np.ndarray], size: int) -> np.ndarray:
+def differentiate(function: Callable[[np.ndarray], np.ndarray], size: int) -> np.ndarray:
     """Central differences (r, size) of a function about nought."""
     step = 1e-6
     return np.column_stack([(function(step * e) - function(-step * e)) / (2 * step) for e in np.eye(size)])
 
 
 @pytest.fixture(scope="module")
-def whole() -> tuple[AdjustmentProblem, AdjustmentState, Dense]:
+def whole() -> tuple[AdjustmentProblem, AdjustmentState, DenseSystem]:
     """A problem of every kind of term, a state off its solution, and its dense normal equations."""
-    problem = every_kind_of_term()
+    problem = build_complete_problem()
     rng = np.random.default_rng(8)
     start = initialise_state(problem)
     state = replace(
@@ -219,34 +219,34 @@ def whole() -> tuple[AdjustmentProblem, AdjustmentState, Dense]:
         wall_deviation_m=rng.normal(0, 0.01, start.wall_deviation_m.shape),
         yaw_offset_rad=np.array([1e-4, -1e-4]),
     )
-    return problem, state, dense(problem, state)
+    return problem, state, build_dense_system(problem, state)
 
 
-def scaled(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def scale_to_unit_diagonal(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The matrix with a unit diagonal, and the scale."""
     scale = 1 / np.sqrt(np.diag(matrix))
     return matrix * scale[:, None] * scale[None], scale
 
 
-def test_the_cost_is_the_definitions(whole: tuple[AdjustmentProblem, AdjustmentState, Dense]) -> None:
+def test_the_cost_is_the_definitions(whole: tuple[AdjustmentProblem, AdjustmentState, DenseSystem]) -> None:
     problem, state, _ = whole
-    by_hand = robust_cost(groups_of(problem, state))
+    by_hand = compute_robust_cost(list_groups(problem, state))
     assert build_reduced_system(problem, state, SIGMA_PX).cost == pytest.approx(by_hand, rel=1e-9)
     assert compute_cost(problem, state, SIGMA_PX) == pytest.approx(by_hand, rel=1e-9)
 
 
 def test_the_gradient_is_half_the_slope_of_the_robust_cost(
-    whole: tuple[AdjustmentProblem, AdjustmentState, Dense],
+    whole: tuple[AdjustmentProblem, AdjustmentState, DenseSystem],
 ) -> None:
     """Independent of the weights: the slope of the cost itself, before elimination."""
     problem, state, full = whole
 
     def cost(step: np.ndarray) -> np.ndarray:
         at = apply_step(state, problem, step[: full.kept], step[full.kept :].reshape(-1, 3))
-        return np.array([robust_cost(groups_of(problem, at))])
+        return np.array([compute_robust_cost(list_groups(problem, at))])
 
-    slope = slopes(cost, len(full.gradient))[0] / 2
-    _, scale = scaled(full.matrix[np.ix_(full.free, full.free)])
+    slope = differentiate(cost, len(full.gradient))[0] / 2
+    _, scale = scale_to_unit_diagonal(full.matrix[np.ix_(full.free, full.free)])
     # in sigmas of each unknown; robust costs of some hundreds give about 1e-7 by rounding
     np.testing.assert_allclose(full.gradient[full.free] * scale, slope[full.free] * scale, rtol=0, atol=2e-3)
     nodes = build_reduced_system(problem, state, SIGMA_PX).point_gradient.ravel()
@@ -255,7 +255,9 @@ def test_the_gradient_is_half_the_slope_of_the_robust_cost(
     )
 
 
-def test_the_reduced_system_is_the_schur_complement(whole: tuple[AdjustmentProblem, AdjustmentState, Dense]) -> None:
+def test_the_reduced_system_is_the_schur_complement(
+    whole: tuple[AdjustmentProblem, AdjustmentState, DenseSystem],
+) -> None:
     problem, state, full = whole
     kept = np.flatnonzero(full.free[: full.kept])
     nodes = np.arange(full.kept, len(full.gradient))
@@ -264,7 +266,7 @@ def test_the_reduced_system_is_the_schur_complement(whole: tuple[AdjustmentProbl
     matrix = full.matrix[np.ix_(kept, kept)] - across @ inverse @ across.T
     gradient = full.gradient[kept] - across @ inverse @ full.gradient[nodes]
     found = build_reduced_system(problem, state, SIGMA_PX)
-    wanted, scale = scaled(matrix)
+    wanted, scale = scale_to_unit_diagonal(matrix)
     np.testing.assert_allclose(
         found.matrix[np.ix_(kept, kept)] * scale[:, None] * scale[None], wanted, rtol=0, atol=2e-4
     )  # of a unit diagonal
@@ -274,11 +276,11 @@ def test_the_reduced_system_is_the_schur_complement(whole: tuple[AdjustmentProbl
     np.testing.assert_allclose(found.point_covariance_m2, blocks, rtol=0, atol=1e-5 * np.abs(blocks).max())  # m2
 
 
-def test_the_step_is_the_whole_problems_step(whole: tuple[AdjustmentProblem, AdjustmentState, Dense]) -> None:
+def test_the_step_is_the_whole_problems_step(whole: tuple[AdjustmentProblem, AdjustmentState, DenseSystem]) -> None:
     problem, state, full = whole
     step = np.zeros(len(full.gradient))
     free = full.free
-    matrix, scale = scaled(full.matrix[np.ix_(free, free)])
+    matrix, scale = scale_to_unit_diagonal(full.matrix[np.ix_(free, free)])
     step[free] = -scale * np.linalg.solve(matrix, scale * full.gradient[free])
     found = build_reduced_system(problem, state, SIGMA_PX)
     kept = np.flatnonzero(free[: full.kept])
@@ -292,10 +294,10 @@ def test_the_step_is_the_whole_problems_step(whole: tuple[AdjustmentProblem, Adj
 
 
 def test_the_covariance_is_the_inverse_of_the_whole() -> None:
-    problem = every_kind_of_term()
+    problem = build_complete_problem()
     solution = solve_adjustment(problem)
     solution = Solution(state=solution.state, tie_sigma_px=SIGMA_PX, iterations=1, converged=True)
-    full = dense(problem, solution.state)
+    full = build_dense_system(problem, solution.state)
     inverse = np.zeros_like(full.matrix)
     inverse[np.ix_(full.free, full.free)] = np.linalg.inv(full.matrix[np.ix_(full.free, full.free)])
     system, covariance = compute_covariance(problem, solution, 1.0)
@@ -316,9 +318,9 @@ def test_the_covariance_is_the_inverse_of_the_whole() -> None:
 def test_ties_that_are_moved_together_tell_nothing_of_the_datum() -> None:
     """One flight's GPS is all the datum: the block is known to its bias and no better, however many its points."""
     rng = np.random.default_rng(5)
-    block = small_block(points=500)
-    problem = with_gps(
-        holding_lens(ties_problem(block, rng, tie_px=0.5)), block, rng, noise_m=0.05, bias_m=[[0, 0, 0]],
+    block = build_small_block(points=500)
+    problem = add_gps(
+        fix_lens(build_tie_point_problem(block, rng, tie_px=0.5)), block, rng, noise_m=0.05, bias_m=[[0, 0, 0]],
         bias_sigma_m=3.0,
     )  # fmt: skip
     solution = solve_adjustment(problem)
@@ -331,9 +333,9 @@ def test_ties_that_are_moved_together_tell_nothing_of_the_datum() -> None:
 
 def test_a_node_that_lost_its_observations_does_no_harm() -> None:
     rng = np.random.default_rng(6)
-    block = small_block()
-    problem = with_control(
-        holding_lens(ties_problem(block, rng, tie_px=0.5)), block, rng, nodes=np.arange(0, 200, 20), sigma_m=0.01
+    block = build_small_block()
+    problem = add_control(
+        fix_lens(build_tie_point_problem(block, rng, tie_px=0.5)), block, rng, nodes=np.arange(0, 200, 20), sigma_m=0.01
     )
     lost = replace(problem, initial_xyz_m=np.vstack([problem.initial_xyz_m, [[1.0, 1.0, 1.0]]]))
     found, without = solve_adjustment(lost), solve_adjustment(problem)
@@ -343,9 +345,11 @@ def test_a_node_that_lost_its_observations_does_no_harm() -> None:
 
 def test_a_prior_left_out_by_a_formula_is_one_left_out_by_solving_again() -> None:
     rng = np.random.default_rng(7)
-    block = small_block()
+    block = build_small_block()
     nodes = np.arange(0, 120, 15)
-    problem = with_control(holding_lens(ties_problem(block, rng, tie_px=0.5)), block, rng, nodes=nodes, sigma_m=0.02)
+    problem = add_control(
+        fix_lens(build_tie_point_problem(block, rng, tie_px=0.5)), block, rng, nodes=nodes, sigma_m=0.02
+    )
     priors = replace(problem.point_priors, loss_scale=np.full(len(nodes), 1e3))  # the formula is of least squares
     problem = replace(problem, point_priors=priors)
     solution = solve_adjustment(problem)

@@ -19,20 +19,20 @@ from tests.unit.georeferencing.small_block import (
     SITE_FROM_SFM,
     BoxSurface,
     SmallBlock,
-    reconstruction_of,
-    small_block,
-    ties_problem,
+    build_reconstruction,
+    build_small_block,
+    build_tie_point_problem,
 )
 
 
 @pytest.fixture(scope="module")
 def block() -> SmallBlock:
     """A box seen all around."""
-    return small_block(points=400)
+    return build_small_block(points=400)
 
 
 def test_each_photograph_keeps_its_longest_tracks_and_no_more_than_it_needs(block: SmallBlock) -> None:
-    reconstruction = reconstruction_of(block, np.random.default_rng(1), tie_px=0.0)
+    reconstruction = build_reconstruction(block, np.random.default_rng(1), tie_px=0.0)
     ties = choose_tie_points(reconstruction, SITE_FROM_SFM, max_per_photo=20)
     length = np.bincount(block.point)
     for photo in range(len(block.cameras)):
@@ -46,7 +46,7 @@ def test_each_photograph_keeps_its_longest_tracks_and_no_more_than_it_needs(bloc
 
 
 def test_chosen_ties_are_the_reconstructions_in_site(block: SmallBlock) -> None:
-    reconstruction = reconstruction_of(block, np.random.default_rng(1), tie_px=0.0, start_m=0.0)
+    reconstruction = build_reconstruction(block, np.random.default_rng(1), tie_px=0.0, start_m=0.0)
     ties = choose_tie_points(reconstruction, SITE_FROM_SFM, max_per_photo=30)
     np.testing.assert_allclose(ties.xyz_site_m, block.xyz_m[ties.reconstruction_point], rtol=0, atol=1e-9)  # m
     for photo, node, xy in zip(ties.photo[::50], ties.point[::50], ties.xy_img[::50], strict=True):
@@ -57,7 +57,7 @@ def test_chosen_ties_are_the_reconstructions_in_site(block: SmallBlock) -> None:
 
 
 def test_the_block_stands_where_the_similarity_puts_it(block: SmallBlock) -> None:
-    reconstruction = reconstruction_of(block, np.random.default_rng(1), tie_px=0.0, start_m=0.0)
+    reconstruction = build_reconstruction(block, np.random.default_rng(1), tie_px=0.0, start_m=0.0)
     found = build_block(reconstruction, SITE_FROM_SFM)
     np.testing.assert_allclose(found.centre_site_m, block.centres_m, rtol=0, atol=1e-9)  # m
     np.testing.assert_allclose(found.site_from_cam, block.rotations, rtol=0, atol=1e-12)
@@ -69,7 +69,7 @@ def test_the_block_stands_where_the_similarity_puts_it(block: SmallBlock) -> Non
     assert build_block(two, SITE_FROM_SFM).camera_of_photo.tolist() == [0, 0, 1] + [0] * 9
 
 
-def errors_in_cells(common: float, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def draw_correlated_errors(common: float, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Residuals of unit variance, of which a share ``common`` is the same within a cell of 1000 px."""
     rng = np.random.default_rng(seed)
     photo = np.repeat(np.arange(8), 600)
@@ -80,30 +80,32 @@ def errors_in_cells(common: float, seed: int) -> tuple[np.ndarray, np.ndarray, n
 
 
 def test_independent_errors_are_not_inflated() -> None:
-    found = [estimate_tie_variance_factor(*errors_in_cells(0.0, seed)) for seed in range(6)]
+    found = [estimate_tie_variance_factor(*draw_correlated_errors(0.0, seed)) for seed in range(6)]
     assert min(found) >= 1.0
     assert max(found) < 1.25
 
 
 def test_errors_that_neighbours_share_are_inflated_by_their_number() -> None:
     """25 points a cell, 20 % of the variance common: n |mean|^2 is 1 - 0.2 + 25 * 0.2 = 5.8 times a single one's."""
-    found = np.mean([estimate_tie_variance_factor(*errors_in_cells(0.2, seed)) for seed in range(4)])
+    found = np.mean([estimate_tie_variance_factor(*draw_correlated_errors(0.2, seed)) for seed in range(4)])
     assert 4.0 < found < 7.5
-    assert 1.0 < np.mean([estimate_tie_variance_factor(*errors_in_cells(0.02, seed)) for seed in range(4)]) < 2.2
+    assert 1.0 < np.mean([estimate_tie_variance_factor(*draw_correlated_errors(0.02, seed)) for seed in range(4)]) < 2.2
 
 
 def test_outliers_and_empty_cells_do_not_inflate() -> None:
-    residual, photo, xy = errors_in_cells(0.0, 1)
+    residual, photo, xy = draw_correlated_errors(0.0, 1)
     residual[::10] += 40.0
     assert estimate_tie_variance_factor(residual, photo, xy) < 1.3
     assert estimate_tie_variance_factor(residual[:4], photo[:4], xy[:4]) == 1.0
 
 
-def walls_at(block: SmallBlock, offset_m: np.ndarray) -> tuple[TiePointSelection, AdjustmentState]:
+def build_offset_points(block: SmallBlock, offset_m: np.ndarray) -> tuple[TiePointSelection, AdjustmentState]:
     """Ties and a state whose points stand ``offset_m`` (5,) off their planes."""
-    reconstruction = reconstruction_of(block, np.random.default_rng(1), tie_px=0.0, start_m=0.0)
+    reconstruction = build_reconstruction(block, np.random.default_rng(1), tie_px=0.0, start_m=0.0)
     ties = choose_tie_points(reconstruction, SITE_FROM_SFM)
-    state = initialise_state(ties_problem(block, np.random.default_rng(1), tie_px=0.0, start_m=0.0, start_deg=0.0))
+    state = initialise_state(
+        build_tie_point_problem(block, np.random.default_rng(1), tie_px=0.0, start_m=0.0, start_deg=0.0)
+    )
     plane = block.plane[ties.reconstruction_point]
     return ties, replace(
         state, xyz_site_m=block.xyz_m[ties.reconstruction_point] + offset_m[plane][:, None] * NORMALS[plane]
@@ -111,7 +113,7 @@ def walls_at(block: SmallBlock, offset_m: np.ndarray) -> tuple[TiePointSelection
 
 
 def test_points_belong_to_the_face_that_they_were_seen_on(block: SmallBlock) -> None:
-    ties, state = walls_at(block, np.array([0.2, -0.1, 0.05, 0.0, -0.2]))
+    ties, state = build_offset_points(block, np.array([0.2, -0.1, 0.05, 0.0, -0.2]))
     walls = match_points_to_surface(ties, state, BoxSurface(), gate_m=0.3, model_sigma_m=0.02)
     plane = block.plane[ties.reconstruction_point[walls.point]]
     assert len(walls.point) > 350
@@ -124,7 +126,7 @@ def test_points_belong_to_the_face_that_they_were_seen_on(block: SmallBlock) -> 
 
 
 def test_points_beyond_the_gate_belong_to_no_face(block: SmallBlock) -> None:
-    ties, state = walls_at(block, np.array([0.4, 0.0, 0.0, 0.0, 0.0]))
+    ties, state = build_offset_points(block, np.array([0.4, 0.0, 0.0, 0.0, 0.0]))
     walls = match_points_to_surface(ties, state, BoxSurface(), gate_m=0.3, model_sigma_m=0.02)
     plane = block.plane[ties.reconstruction_point[walls.point]]
     assert (plane == 0).sum() <= 2

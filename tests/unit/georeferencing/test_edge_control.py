@@ -33,13 +33,13 @@ _UP = np.array([[0.0, 0.0, 1.0]])
 Box = tuple[float, float, float, float, float, float]  # lowest corner, size
 
 
-def _mesh(boxes: Sequence[Box]) -> tuple[Float64Array, NDArray[np.int64], NDArray[np.int64]]:
+def _build_mesh(boxes: Sequence[Box]) -> tuple[Float64Array, NDArray[np.int64], NDArray[np.int64]]:
     vertices = np.vstack([np.array(box[:3]) + _CORNERS * np.array(box[3:]) for box in boxes])
     triangles = np.vstack([_FACES + 8 * k for k in range(len(boxes))])
     return vertices, triangles, np.repeat(np.arange(len(boxes)), len(_FACES))
 
 
-def _camera(x: float, y: float, z: float, yaw_deg: float = 0.0, pitch_deg: float = 0.0) -> PosedCamera:
+def _build_camera(x: float, y: float, z: float, yaw_deg: float = 0.0, pitch_deg: float = 0.0) -> PosedCamera:
     """A camera that looks along +y (north), turned to the right by ``yaw_deg`` and up by ``pitch_deg``."""
     yaw, pitch = np.radians([yaw_deg, pitch_deg])
     forward = np.array([np.sin(yaw) * np.cos(pitch), np.cos(yaw) * np.cos(pitch), np.sin(pitch)])
@@ -50,7 +50,7 @@ def _camera(x: float, y: float, z: float, yaw_deg: float = 0.0, pitch_deg: float
     )
 
 
-def _shifted(cameras: Sequence[PosedCamera], shift: Sequence[float]) -> list[PosedCamera]:
+def _shift_cameras(cameras: Sequence[PosedCamera], shift: Sequence[float]) -> list[PosedCamera]:
     return [
         PosedCamera(
             camera=c.camera,
@@ -63,7 +63,7 @@ def _shifted(cameras: Sequence[PosedCamera], shift: Sequence[float]) -> list[Pos
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Drawn:
+class _DrawnPhotographs:
     """Photographs in memory."""
 
     images: Sequence[NDArray[np.uint8]]
@@ -75,7 +75,7 @@ class _Drawn:
         return cut.mean(axis=(1, 3)).round().astype(np.uint8)
 
 
-def _draw(cameras: Sequence[PosedCamera], surface: Surface, seed: int = 3) -> _Drawn:
+def _draw(cameras: Sequence[PosedCamera], surface: Surface, seed: int = 3) -> _DrawnPhotographs:
     rng = np.random.default_rng(seed)
     images = []
     for posed in cameras:
@@ -89,7 +89,7 @@ def _draw(cameras: Sequence[PosedCamera], surface: Surface, seed: int = 3) -> _D
         grey = np.where(hits.hit, 90.0 + side + texture + paint, 235.0).reshape(camera.height_px, 2, camera.width_px, 2)
         noisy = grey.mean(axis=(1, 3)) + rng.normal(0, 3.0, (camera.height_px, camera.width_px))
         images.append(noisy.clip(0, 255).round().astype(np.uint8))
-    return _Drawn(images=images)
+    return _DrawnPhotographs(images=images)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,33 +97,42 @@ class _Scene:
     surface: Surface
     edges: ModelEdges
     cameras: Sequence[PosedCamera]
-    photographs: _Drawn
+    photographs: _DrawnPhotographs
 
 
-def _scene(boxes: Sequence[Box], cameras: Sequence[PosedCamera], as_built: Sequence[Box] | None = None) -> _Scene:
-    surface = Surface.from_mesh(*_mesh(boxes))
-    real = surface if as_built is None else Surface.from_mesh(*_mesh(as_built))
+def _build_scene(boxes: Sequence[Box], cameras: Sequence[PosedCamera], as_built: Sequence[Box] | None = None) -> _Scene:
+    surface = Surface.from_mesh(*_build_mesh(boxes))
+    real = surface if as_built is None else Surface.from_mesh(*_build_mesh(as_built))
     return _Scene(
-        surface=surface, edges=extract_model_edges(*_mesh(boxes)), cameras=cameras, photographs=_draw(cameras, real)
+        surface=surface,
+        edges=extract_model_edges(*_build_mesh(boxes)),
+        cameras=cameras,
+        photographs=_draw(cameras, real),
     )
 
 
-def _windows(columns: Sequence[float], levels: Sequence[float]) -> list[Box]:
+def _build_windows(columns: Sequence[float], levels: Sequence[float]) -> list[Box]:
     """Frames that stand 0.15 m before a wall at y = 0."""
     return [(x, -0.15, z, 1.2, 0.15, 1.5) for x in columns for z in levels]
 
 
-def _house() -> list[Box]:
+def _build_house() -> list[Box]:
     """A house 14 m wide and 10 m high: three storeys of different height, a door, eaves."""
     wall: Box = (0.0, 0.0, 0.0, 14.0, 8.0, 10.0)
     eaves: Box = (-0.4, -0.4, 10.0, 14.8, 8.8, 0.3)
     door: Box = (6.2, -0.15, 0.0, 1.4, 0.15, 2.3)
-    return [wall, eaves, door, *_windows((1.5, 4.0, 9.5, 11.8), (1.0, 4.4)), *_windows((2.2, 6.3, 10.5), (7.6,))]
-
-
-def _flight() -> list[PosedCamera]:
     return [
-        _camera(x, -12.0 - 0.3 * k, z, yaw_deg=yaw, pitch_deg=pitch)
+        wall,
+        eaves,
+        door,
+        *_build_windows((1.5, 4.0, 9.5, 11.8), (1.0, 4.4)),
+        *_build_windows((2.2, 6.3, 10.5), (7.6,)),
+    ]
+
+
+def _build_flight() -> list[PosedCamera]:
+    return [
+        _build_camera(x, -12.0 - 0.3 * k, z, yaw_deg=yaw, pitch_deg=pitch)
         for k, (x, z, yaw, pitch) in enumerate(
             [(2, 4, 8, 4), (7, 5, 0, 0), (12, 4, -8, 4), (4, 8, 10, -6), (10, 8, -12, -6)]
         )
@@ -132,15 +141,15 @@ def _flight() -> list[PosedCamera]:
 
 @pytest.fixture(scope="module")
 def house() -> _Scene:
-    return _scene(_house(), _flight())
+    return _build_scene(_build_house(), _build_flight())
 
 
 def test_hidden_edges_and_seams_in_one_plane_are_not_seen() -> None:
     """Two abutting boxes with one front, and a third behind them: of twelve and twelve edges the front shows few."""
     boxes: list[Box] = [(0, 0, 0, 2, 1, 3), (2, 0, 0, 2, 1, 3), (1, 5, 1, 1, 1, 1)]
-    surface, edges = Surface.from_mesh(*_mesh(boxes)), extract_model_edges(*_mesh(boxes))
+    surface, edges = Surface.from_mesh(*_build_mesh(boxes)), extract_model_edges(*_build_mesh(boxes))
     samples = sample_edges(edges, 0.05)
-    seen = find_visible_samples(samples, _camera(2.0, -8.0, 1.5), surface, border_px=2.0)
+    seen = find_visible_samples(samples, _build_camera(2.0, -8.0, 1.5), surface, border_px=2.0)
     xyz = samples.xyz_site_m[seen.row]
     np.testing.assert_allclose(xyz[:, 1], 0.0, rtol=0, atol=1e-9)  # m: the front alone
     outline = np.minimum.reduce([xyz[:, 0], 4.0 - xyz[:, 0], xyz[:, 2], 3.0 - xyz[:, 2]])
@@ -161,7 +170,7 @@ def test_normals_in_the_photograph_are_square_to_the_edge_as_projected(house: _S
 
 @pytest.mark.parametrize("start_m", [-1.7, 0.0, 1.4])
 def test_the_height_is_found_from_any_start_within_gps(house: _Scene, start_m: float) -> None:
-    cameras = _shifted(house.cameras, (0.0, 0.0, start_m))
+    cameras = _shift_cameras(house.cameras, (0.0, 0.0, start_m))
     found = search_shift(cameras, house.photographs, house.edges, house.surface, _UP, np.array([0.8]))
     np.testing.assert_allclose(found.shift_site_m, [0, 0, -start_m], rtol=0, atol=0.03)  # m; a pixel is 0.05 m
     assert found.gap_sigmas > 2.0
@@ -170,7 +179,7 @@ def test_the_height_is_found_from_any_start_within_gps(house: _Scene, start_m: f
 
 
 def test_the_shift_along_a_facade_is_found_with_the_height(house: _Scene) -> None:
-    cameras = _shifted(house.cameras, (0.5, 0.0, -0.6))
+    cameras = _shift_cameras(house.cameras, (0.5, 0.0, -0.6))
     free = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     found = search_shift(cameras, house.photographs, house.edges, house.surface, free, np.array([0.3, 0.3]))
     np.testing.assert_allclose(found.shift_site_m, [-0.5, 0.0, 0.6], rtol=0, atol=0.04)  # m
@@ -180,26 +189,26 @@ def test_storeys_that_repeat_beyond_every_photograph_are_refused() -> None:
     """Only the middle of a tall facade is seen: a storey more or less fits as well."""
     tall: list[Box] = [
         (-30.0, 0.0, -30.0, 60.0, 1.0, 60.0),
-        *_windows(np.arange(-12.5, 13, 2.5), np.arange(-15, 16, 3.0)),
+        *_build_windows(np.arange(-12.5, 13, 2.5), np.arange(-15, 16, 3.0)),
     ]
-    cameras = [_camera(x, -9.0, z, yaw_deg=-x) for x, z in [(-3, 0.0), (0, 0.4), (3, 0.0), (1, 1.4)]]
-    scene = _scene(tall, cameras)
+    cameras = [_build_camera(x, -9.0, z, yaw_deg=-x) for x, z in [(-3, 0.0), (0, 0.4), (3, 0.0), (1, 1.4)]]
+    scene = _build_scene(tall, cameras)
     with pytest.raises(GeoreferenceError, match=r"fit its edges equally well.*standard errors \(limit") as refused:
         search_shift(
-            _shifted(cameras, (0, 0, 0.9)), scene.photographs, scene.edges, scene.surface, _UP, np.array([1.6])
+            _shift_cameras(cameras, (0, 0, 0.9)), scene.photographs, scene.edges, scene.surface, _UP, np.array([1.6])
         )
     assert "control point" in str(refused.value)
 
 
 def test_photographs_of_something_else_are_refused(house: _Scene) -> None:
     rng = np.random.default_rng(5)
-    noise = _Drawn(images=[rng.integers(60, 190, (240, 320), dtype=np.uint8) for _ in house.cameras])
+    noise = _DrawnPhotographs(images=[rng.integers(60, 190, (240, 320), dtype=np.uint8) for _ in house.cameras])
     with pytest.raises(GeoreferenceError):
         search_shift(house.cameras, noise, house.edges, house.surface, _UP, np.array([0.8]))
 
 
 def test_a_model_without_edges_in_sight_is_refused(house: _Scene) -> None:
-    away = [_camera(7.0, -12.0, 4.0, yaw_deg=180.0)]
+    away = [_build_camera(7.0, -12.0, 4.0, yaw_deg=180.0)]
     with pytest.raises(
         GeoreferenceError, match=r"0 edges of the building model are visible in 1 photographs, 6 are needed"
     ):

@@ -27,7 +27,7 @@ EAST, NORTH, UP = np.eye(3)
 RIGHT, DOWN, FORWARD = np.eye(3)  # of the camera
 
 
-def turned(rotation: Array, direction_cam: Array) -> Array:
+def rotate(rotation: Array, direction_cam: Array) -> Array:
     return rotation @ direction_cam
 
 
@@ -43,9 +43,9 @@ def test_omega_phi_kappa_is_the_published_matrix(omega_deg: float, phi_deg: floa
         ]
     )
     found = rotation_from_omega_phi_kappa(omega_deg, phi_deg, kappa_deg)
-    np.testing.assert_allclose(turned(found, RIGHT), published[:, 0], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(turned(found, -DOWN), published[:, 1], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(turned(found, -FORWARD), published[:, 2], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(rotate(found, RIGHT), published[:, 0], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(rotate(found, -DOWN), published[:, 1], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(rotate(found, -FORWARD), published[:, 2], rtol=0, atol=1e-12)
 
 
 @given(ANGLE, st.floats(-90, 90), ANGLE)
@@ -59,7 +59,7 @@ def test_a_gimbal_is_north_east_down(yaw_deg: float, pitch_deg: float, roll_deg:
     found = rotation_from_yaw_pitch_roll(yaw_deg, pitch_deg, roll_deg, PitchZero.HORIZON)
     for axis_cam, axis_body in ((FORWARD, 0), (RIGHT, 1), (DOWN, 2)):
         north, east, down = ned[:, axis_body]
-        np.testing.assert_allclose(turned(found, axis_cam), [east, north, -down], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(rotate(found, axis_cam), [east, north, -down], rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -69,8 +69,8 @@ def test_a_gimbal_is_north_east_down(yaw_deg: float, pitch_deg: float, roll_deg:
 def test_pitch_from_nadir_by_the_published_examples(yaw: float, pitch: float, looks: Array, top: Array) -> None:
     """Pix4D's article: at 0, 0, 0 the camera looks down and the image's top is north; pitch 90 looks forward."""
     found = rotation_from_yaw_pitch_roll(yaw, pitch, 0.0, PitchZero.NADIR)
-    np.testing.assert_allclose(turned(found, FORWARD), looks, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(turned(found, -DOWN), top, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(rotate(found, FORWARD), looks, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(rotate(found, -DOWN), top, rtol=0, atol=1e-12)
 
 
 def test_directions_and_axes_of_one_camera() -> None:

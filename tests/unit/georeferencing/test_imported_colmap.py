@@ -88,7 +88,7 @@ def test_bad_lines_and_missing_lines_of_points(tmp_path: Path) -> None:
     assert "neither IMAGE_ID" in reasons[""]
 
 
-def colmap_of_the_wall(folder: Path, georeference: str, from_map: np.ndarray, *, scale: float = 1.0) -> Path:
+def write_colmap_files(folder: Path, georeference: str, from_map: np.ndarray, *, scale: float = 1.0) -> Path:
     """The wall's first camera in a world that is ``(map - from_map) / scale``, its axes the grid's."""
     lon, lat, height = ORIGIN.geo_from_site(CENTRES[:1])[0]
     east, north = pyproj.Proj("EPSG:25832")(lon, lat)
@@ -115,7 +115,7 @@ def colmap_of_the_wall(folder: Path, georeference: str, from_map: np.ndarray, *,
     ],
 )
 def test_worlds(tmp_path: Path, georeference: str, from_map: tuple[float, float, float], scale: float) -> None:
-    found = read_colmap_text(colmap_of_the_wall(tmp_path, georeference, np.array(from_map), scale=scale))
+    found = read_colmap_text(write_colmap_files(tmp_path, georeference, np.array(from_map), scale=scale))
     pose = found.poses[0]
     centres, rotations = found.world.transform_to_site(pose.xyz_world[None], pose.world_from_cam[None], PLACE)
     np.testing.assert_allclose(centres[0], CENTRES[0], rtol=0, atol=1e-4)  # m
@@ -133,7 +133,7 @@ def test_worlds(tmp_path: Path, georeference: str, from_map: tuple[float, float,
 )  # fmt: skip
 def test_a_georeference_that_cannot_be_read(tmp_path: Path, text: str) -> None:
     with pytest.raises(InputDataError, match=r"georeference\.txt"):
-        read_colmap_text(colmap_of_the_wall(tmp_path, text, np.zeros(3)))
+        read_colmap_text(write_colmap_files(tmp_path, text, np.zeros(3)))
 
 
 def test_binary_models_are_told_how_to_become_text(tmp_path: Path) -> None:

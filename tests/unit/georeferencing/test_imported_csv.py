@@ -17,17 +17,17 @@ from tests.unit.georeferencing.imported_wall import (
     LOOKS_NORTH,
     ORIGIN,
     PLACE,
-    geo,
-    geo_csv,
-    quaternion,
+    format_geo,
+    format_quaternion,
     write,
+    write_geo_csv,
 )
 
 LENS_COLUMNS = "fx_px,fy_px,cx_px,cy_px"
 MATRIX = ",".join(f"r{i}{j}" for i in range(3) for j in range(3))
 
 
-def one(tmp_path: Path, head: str, columns: str, values: str) -> tuple[np.ndarray, np.ndarray]:
+def read_one_pose(tmp_path: Path, head: str, columns: str, values: str) -> tuple[np.ndarray, np.ndarray]:
     """Centre and rotation in site of the only pose of a file."""
     path = write(tmp_path / "poses.csv", f"{head}image,{columns},{LENS_COLUMNS}\na.jpg,{values},{LENS}\n")
     found = read_poses_csv(path)
@@ -37,14 +37,14 @@ def one(tmp_path: Path, head: str, columns: str, values: str) -> tuple[np.ndarra
     return centres[0], rotations[0]
 
 
-def in_map(xyz_site_m: np.ndarray) -> tuple[float, float, float]:
+def transform_to_map(xyz_site_m: np.ndarray) -> tuple[float, float, float]:
     """By pyproj alone: lon and lat in zone 32."""
     lon, lat, height = ORIGIN.geo_from_site(xyz_site_m[None])[0]
     east, north = pyproj.Proj("EPSG:25832")(lon, lat)
     return east, north, height
 
 
-def convergence_deg() -> float:
+def compute_convergence_deg() -> float:
     """Angle from true north to grid north, clockwise, at the building."""
     factors = pyproj.Proj("EPSG:25832").get_factors(ORIGIN.lon_deg, ORIGIN.lat_deg)
     return float(factors.meridian_convergence)
@@ -52,18 +52,18 @@ def convergence_deg() -> float:
 
 def test_positions_in_every_frame(tmp_path: Path) -> None:
     xyz = CENTRES[0]
-    east, north, height = in_map(xyz)
-    turn = quaternion()
+    east, north, height = transform_to_map(xyz)
+    turn = format_quaternion()
     site = ",".join(str(value) for value in xyz)
     q = "qw,qx,qy,qz"
     for head, columns, values in (
-        ("", f"lon_deg,lat_deg,height_ellipsoidal_m,{q}", f"{geo(xyz)},{turn}"),
+        ("", f"lon_deg,lat_deg,height_ellipsoidal_m,{q}", f"{format_geo(xyz)},{turn}"),
         ("", f"x_site_m,y_site_m,z_site_m,{q}", f"{site},{turn}"),
         ("# north: true\n", f"x,y,z,{q}", f"{east},{north},{height},{turn}"),
         ("# crs: EPSG:25832\n# north: true\n", f"x,y,z,{q}", f"{east},{north},{height},{turn}"),
         ("# crs: site\n", f"x,y,z,{q}", f"{site},{turn}"),
     ):
-        centre, rotation = one(tmp_path, head, columns, values)
+        centre, rotation = read_one_pose(tmp_path, head, columns, values)
         np.testing.assert_allclose(centre, xyz, rtol=0, atol=1e-4)  # m
         np.testing.assert_allclose(rotation, LOOKS_NORTH, rtol=0, atol=1e-9)
 
@@ -72,23 +72,27 @@ def test_a_site_of_another_origin(tmp_path: Path) -> None:
     """100 m east and 50 m north of ours: positions move, directions turn by the seconds of arc between the two."""
     lon, lat, height = ORIGIN.geo_from_site(np.array([[100.0, 50.0, 2.0]]))[0]
     head = f"# site_origin: {lon:.10f} {lat:.10f} {height:.4f}\n"
-    centre, rotation = one(tmp_path, head, "x_site_m,y_site_m,z_site_m,qw,qx,qy,qz", f"-100,-65,1,{quaternion()}")
+    centre, rotation = read_one_pose(
+        tmp_path, head, "x_site_m,y_site_m,z_site_m,qw,qx,qy,qz", f"-100,-65,1,{format_quaternion()}"
+    )
     np.testing.assert_allclose(centre, [0.0, -15.0, 3.0], rtol=0, atol=0.005)  # m
     assert 0 < np.abs(rotation - LOOKS_NORTH).max() < 5e-5  # 100 m of an earth of 6371 km, times tan(lat)
 
 
 def test_grid_north_is_turned_by_the_convergence(tmp_path: Path) -> None:
     """A camera that looks to grid north looks the meridian convergence beside true north (PROJ's own factor)."""
-    east, north, height = in_map(CENTRES[0])
-    _, rotation = one(tmp_path, "# crs: EPSG:25832\n", "x,y,z,qw,qx,qy,qz", f"{east},{north},{height},{quaternion()}")
+    east, north, height = transform_to_map(CENTRES[0])
+    _, rotation = read_one_pose(
+        tmp_path, "# crs: EPSG:25832\n", "x,y,z,qw,qx,qy,qz", f"{east},{north},{height},{format_quaternion()}"
+    )
     looks = rotation[:, 2]
     azimuth_deg = np.degrees(np.arctan2(looks[0], looks[1]))
-    assert abs(convergence_deg()) > 0.3  # 0.6 deg west of the zone's meridian: the test can tell
-    assert azimuth_deg == pytest.approx(convergence_deg(), rel=0, abs=1e-4)  # deg
+    assert abs(compute_convergence_deg()) > 0.3  # 0.6 deg west of the zone's meridian: the test can tell
+    assert azimuth_deg == pytest.approx(compute_convergence_deg(), rel=0, abs=1e-4)  # deg
 
 
 def test_attitudes_in_every_way(tmp_path: Path) -> None:
-    where = f"{geo(CENTRES[0])}"
+    where = f"{format_geo(CENTRES[0])}"
     columns = "lon_deg,lat_deg,height_ellipsoidal_m"
     rows = ",".join(str(value) for value in LOOKS_NORTH.ravel())
     inverse = ",".join(str(value) for value in LOOKS_NORTH.T.ravel())
@@ -101,7 +105,7 @@ def test_attitudes_in_every_way(tmp_path: Path) -> None:
         ("# pitch_zero: nadir\n", "yaw_deg,pitch_deg,roll_deg", "0,90,0"),
         ("", "omega_deg,phi_deg,kappa_deg", "90,0,0"),
     ):
-        _, rotation = one(tmp_path, head, f"{columns},{names}", f"{where},{values}")
+        _, rotation = read_one_pose(tmp_path, head, f"{columns},{names}", f"{where},{values}")
         np.testing.assert_allclose(rotation, LOOKS_NORTH, rtol=0, atol=1e-9)
 
 
@@ -111,7 +115,7 @@ def test_lens_sigmas_and_covariance(tmp_path: Path) -> None:
     quoted = '"' + " ".join(str(value) for value in numbers.ravel()) + '"'
     head = "# top_left_pixel: 0\n# sigma_position_m: 0.03\n# sigma_attitude_deg: 0.1\n"
     columns = f"image,lon_deg,lat_deg,height_ellipsoidal_m,qw,qx,qy,qz,{LENS_COLUMNS},k1,covariance"
-    common = f"{geo(CENTRES[0])},{quaternion()},{LENS}"
+    common = f"{format_geo(CENTRES[0])},{format_quaternion()},{LENS}"
     path = write(tmp_path / "p.csv", f"{head}{columns}\na.jpg,{common},-0.05,{quoted}\nb.jpg,{common},,\n")
     own, of_head = read_poses_csv(path).poses
     assert own.covariance is not None and of_head.covariance is not None
@@ -171,7 +175,7 @@ def test_a_head_that_cannot_be_right_is_refused(tmp_path: Path, text: str, said:
 
 
 def test_comments_other_delimiters_and_the_folder(tmp_path: Path) -> None:
-    path = geo_csv(tmp_path, head="# Exported on a Tuesday, at 10:30\n# rotation: world_from_cam\n")
+    path = write_geo_csv(tmp_path, head="# Exported on a Tuesday, at 10:30\n# rotation: world_from_cam\n")
     path.write_text(path.read_text().replace(",", ";").replace("Tuesday;", "Tuesday,"))
     assert len(read_poses(tmp_path).poses) == 4
     with pytest.raises(InputDataError, match=r"no poses at .*docs/poses-csv\.md"):
@@ -179,7 +183,7 @@ def test_comments_other_delimiters_and_the_folder(tmp_path: Path) -> None:
 
 
 def test_a_covariance_beyond_all_numbers_is_one_bad_line(tmp_path: Path) -> None:
-    lines = geo_csv(tmp_path).read_text().splitlines()
+    lines = write_geo_csv(tmp_path).read_text().splitlines()
     whole = " ".join("1e999" if row == column else "0" for row in range(6) for column in range(6))
     lines[1] += ",covariance"
     lines[2] += f",{whole}"

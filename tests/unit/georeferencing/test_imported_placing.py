@@ -13,17 +13,27 @@ from facadelake.core.pose_table import read_posed_cameras
 from facadelake.georeferencing.gcp.control_points import ImageMark, SurveyedPoint, SurveyedPoints
 from facadelake.georeferencing.imported.placement import SIGMA_POSITION_M, ImportedPlacement, place_imported_poses
 from facadelake.georeferencing.imported.pose_files import read_poses
-from tests.unit.georeferencing.imported_wall import CENTRES, NAMES, ORIGIN, PLACE, geo, geo_csv, photos, wall, write
+from tests.unit.georeferencing.imported_wall import (
+    CENTRES,
+    NAMES,
+    ORIGIN,
+    PLACE,
+    build_photos,
+    build_wall,
+    format_geo,
+    write,
+    write_geo_csv,
+)
 
 
-def placed(path: Path, of: pa.Table | None = None, limit_m: float = 0.5) -> ImportedPlacement:
+def place(path: Path, of: pa.Table | None = None, limit_m: float = 0.5) -> ImportedPlacement:
     return place_imported_poses(
-        read_poses(path), of or photos(), site_frame=PLACE, surface=wall(), placement_sigma_max_m=limit_m
+        read_poses(path), of or build_photos(), site_frame=PLACE, surface=build_wall(), placement_sigma_max_m=limit_m
     )
 
 
 def test_every_photograph_has_its_pose(tmp_path: Path) -> None:
-    found = placed(geo_csv(tmp_path))
+    found = place(write_geo_csv(tmp_path))
     cameras = read_posed_cameras(found.poses)
     assert sorted(cameras) == NAMES and found.localised == 4
     for name, centre in zip(NAMES, CENTRES, strict=True):
@@ -40,12 +50,12 @@ def test_every_photograph_has_its_pose(tmp_path: Path) -> None:
 
 def test_names_that_fail(tmp_path: Path) -> None:
     """One photograph without a line, one with two, one with a bad line, one line of no photograph: the rest goes on."""
-    path = geo_csv(tmp_path)
+    path = write_geo_csv(tmp_path)
     lines = path.read_text().splitlines()
     lines[3] = lines[3].replace(",0,0,", ",0,9,")  # the second camera's quaternion
     lines[4] = lines[4].replace("IMG_2", "IMG_9")
     path.write_text("\n".join([*lines, lines[2]]))
-    found = placed(path)
+    found = place(path)
     rows = {row["photo_id"]: row for row in found.poses.to_pylist()}
     assert [rows[name]["pose_source"] for name in NAMES] == ["unlocalised"] * 3 + ["imported"]
     assert "2 poses for it" in rows[NAMES[0]]["reason"]
@@ -56,35 +66,35 @@ def test_names_that_fail(tmp_path: Path) -> None:
 
 
 def test_one_pose_off_the_globe_is_its_own_reason(tmp_path: Path) -> None:
-    path = geo_csv(tmp_path)
+    path = write_geo_csv(tmp_path)
     lines = path.read_text().splitlines()
     name, lon, _, *rest = lines[3].split(",")
     path.write_text("\n".join([*lines[:3], ",".join([name, lon, "1e9", *rest]), *lines[4:]]))
-    found = placed(path)
+    found = place(path)
     rows = {row["photo_id"]: row for row in found.poses.to_pylist()}
     assert found.localised == 3 and rows[NAMES[1]]["pose_source"] == "unlocalised"
     assert "outside the domain" in rows[NAMES[1]]["reason"]
 
 
 def test_poses_that_are_all_off_the_globe_are_refused(tmp_path: Path) -> None:
-    path = geo_csv(tmp_path)
+    path = write_geo_csv(tmp_path)
     head, *lines = path.read_text().splitlines()[1:]
     off = [",".join([name, lon, "1e9", *rest]) for name, lon, _, *rest in (line.split(",") for line in lines)]
     path.write_text("\n".join([head, *off]))
     with pytest.raises(GeoreferenceError, match="outside the domain"):
-        placed(path)
+        place(path)
 
 
 def test_poses_of_another_campaign_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputDataError, match=r"none of the 4 poses of poses\.csv .*not among"):
-        placed(geo_csv(tmp_path), photos(["other/a.jpg"]))
+        place(write_geo_csv(tmp_path), build_photos(["other/a.jpg"]))
 
 
 def test_swapped_coordinates_are_told(tmp_path: Path) -> None:
-    path = geo_csv(tmp_path)
+    path = write_geo_csv(tmp_path)
     path.write_text(path.read_text().replace("lon_deg,lat_deg", "lat_deg,lon_deg"))
     with pytest.raises(GeoreferenceError, match=r"km from the building model.*swapped"):
-        placed(path)
+        place(path)
 
 
 @pytest.mark.parametrize(
@@ -97,7 +107,7 @@ def test_swapped_coordinates_are_told(tmp_path: Path) -> None:
 )
 def test_a_convention_by_which_nothing_is_seen(tmp_path: Path, head: str, turn: str | None, remedy: str) -> None:
     with pytest.raises(GeoreferenceError, match=remedy):
-        placed(geo_csv(tmp_path, head=head, turn=turn))
+        place(write_geo_csv(tmp_path, head=head, turn=turn))
 
 
 def test_rotations_against_the_photographs_own_word(tmp_path: Path) -> None:
@@ -109,15 +119,15 @@ def test_rotations_against_the_photographs_own_word(tmp_path: Path) -> None:
         "prior_lon_deg": 8.4,
         "prior_lat_deg": 48.9,
     }
-    assert placed(geo_csv(tmp_path), photos(**said, prior_roll_deg=0.0)).localised == 4
+    assert place(write_geo_csv(tmp_path), build_photos(**said, prior_roll_deg=0.0)).localised == 4
     with pytest.raises(GeoreferenceError, match=r"rotated by 90 deg \(median, limit 45 deg\)"):
-        placed(geo_csv(tmp_path), photos(**said, prior_roll_deg=90.0))
-    upside_down = geo_csv(tmp_path, head="# rotation: cam_from_world\n")
+        place(write_geo_csv(tmp_path), build_photos(**said, prior_roll_deg=90.0))
+    upside_down = write_geo_csv(tmp_path, head="# rotation: cam_from_world\n")
     with pytest.raises(GeoreferenceError, match=r"with the other value of rotation .*4 would"):
-        placed(upside_down, photos(**said, prior_roll_deg=0.0))
+        place(upside_down, build_photos(**said, prior_roll_deg=0.0))
 
 
-def marked(points_m: dict[str, np.ndarray]) -> SurveyedPoints:
+def mark_points(points_m: dict[str, np.ndarray]) -> SurveyedPoints:
     """Points of the wall in EPSG:25832, marked where a pinhole of the wall's lens sees them from the true cameras."""
     surveyed = []
     for name, (x, y, z) in points_m.items():
@@ -135,16 +145,16 @@ def marked(points_m: dict[str, np.ndarray]) -> SurveyedPoints:
 def test_surveyed_points_and_gps_judge_the_poses(tmp_path: Path) -> None:
     """Poses 5 cm too high see every point 5 cm too high; GPS 30 m above them asks for the datum."""
     points = {"P1": np.array([-4.0, 0.0, 1.0]), "P2": np.array([4.0, 0.0, 6.0]), "P3": np.array([0.0, 0.0, 3.0])}
-    path = geo_csv(tmp_path)
+    path = write_geo_csv(tmp_path)
     high = path.read_text()
     for xyz in CENTRES:
-        high = high.replace(geo(xyz), geo(xyz + np.array([0, 0, 0.05])))
+        high = high.replace(format_geo(xyz), format_geo(xyz + np.array([0, 0, 0.05])))
     path.write_text(high)
     lon, lat, height = ORIGIN.geo_from_site(CENTRES[1][None])[0]
     said = {"prior_source": "exif", "prior_lon_deg": lon, "prior_lat_deg": lat, "prior_height_m": height + 30.0}
     found = place_imported_poses(
-        read_poses(path), photos(**said), site_frame=PLACE, surface=wall(), placement_sigma_max_m=0.5,
-        surveyed=[marked(points)],
+        read_poses(path), build_photos(**said), site_frame=PLACE, surface=build_wall(), placement_sigma_max_m=0.5,
+        surveyed=[mark_points(points)],
     )  # fmt: skip
     row = found.georeference.to_pylist()[0]
     assert (row["check_points"], row["control"]) == (3, "imported")
@@ -156,22 +166,27 @@ def test_surveyed_points_and_gps_judge_the_poses(tmp_path: Path) -> None:
     assert row["gps_offset_up_m"] == pytest.approx(30.0 + 4.0 - 3.75 - 0.05, rel=0, abs=5e-4)
     assert "GPS deviates by +30 m (up) from the poses" in row["remarks"]
     off = {name: point + np.array([0.0, 0.0, 2.0]) for name, point in points.items()}
-    shifted = marked(points)
+    shifted = mark_points(points)
     wrong = SurveyedPoints(source="g", crs=shifted.crs, points=tuple(
         SurveyedPoint(name=p.name, x=q.x, y=q.y, z=q.z, marks=p.marks)
-        for p, q in zip(shifted.points, marked(off).points, strict=True)
+        for p, q in zip(shifted.points, mark_points(off).points, strict=True)
     ))  # fmt: skip
     with pytest.raises(GeoreferenceError, match=r"held-out points lie 1\.95 m"):
         place_imported_poses(
-            read_poses(path), photos(), site_frame=PLACE, surface=wall(), placement_sigma_max_m=0.5, surveyed=[wrong]
+            read_poses(path),
+            build_photos(),
+            site_frame=PLACE,
+            surface=build_wall(),
+            placement_sigma_max_m=0.5,
+            surveyed=[wrong],
         )
 
 
 def test_metres_are_not_good_enough(tmp_path: Path) -> None:
     head = "# sigma_position_m: 2\n# sigma_attitude_deg: 1\n"
     with pytest.raises(GeoreferenceError, match=r"known to 2\.00 m east"):
-        placed(geo_csv(tmp_path, head=head))
-    assert placed(geo_csv(tmp_path, head=head), limit_m=3.0).localised == 4
+        place(write_geo_csv(tmp_path, head=head))
+    assert place(write_geo_csv(tmp_path, head=head), limit_m=3.0).localised == 4
 
 
 def test_a_lens_of_another_shape_costs_its_photograph(tmp_path: Path) -> None:
@@ -184,7 +199,7 @@ def test_a_lens_of_another_shape_costs_its_photograph(tmp_path: Path) -> None:
     ]
     write(folder / "images.txt", "\n".join(lines))
     write(folder / "georeference.txt", "crs: site\n")
-    found = placed(folder)
+    found = place(folder)
     rows = {row["photo_id"]: row for row in found.poses.to_pylist()}
     assert "aspect ratios differ" in rows[NAMES[0]]["reason"] and found.localised == 3
     centre = [rows[NAMES[1]][f"{axis}_site_m"] for axis in "xyz"]

@@ -15,7 +15,7 @@ from tasks.job import InspectionJob, StageResult
 from tasks.merge import merge_duplicates
 from tasks.register import register
 from tasks.verify_model import verify_model
-from tests.unit.georeferencing.imported_wall import NAMES, ORIGIN, geo_csv, photos, wall
+from tests.unit.georeferencing.imported_wall import NAMES, ORIGIN, build_photos, build_wall, write_geo_csv
 
 REGISTRY = """
 buildings:
@@ -23,7 +23,7 @@ buildings:
 """
 
 
-def stage(folder: Path, name: str) -> StageResult:
+def make_stage(folder: Path, name: str) -> StageResult:
     folder.mkdir()
     return StageResult(stage=name, key=name, content_sha256=name, folder=folder, hit=False, seconds=0.0, peak_mib=0.0)
 
@@ -39,10 +39,10 @@ def stages(tmp_path: Path) -> tuple[InspectionJob, StageResult, StageResult]:
         started_at=datetime(2026, 4, 1, tzinfo=UTC),
         code_sha256="c",
         lake=tmp_path / "lake",
-        poses=geo_csv(tmp_path / "poses"),
+        poses=write_geo_csv(tmp_path / "poses"),
     )
-    model, ingested = stage(tmp_path / "model", "model"), stage(tmp_path / "photos", "photos")
-    surface = wall()
+    model, ingested = make_stage(tmp_path / "model", "model"), make_stage(tmp_path / "photos", "photos")
+    surface = build_wall()
     element = {
         "element_guid": "wall", "ifc_class": "IfcWall", "facade": "S", "surface_area_m2": 160.0, "triangles": 2,
     }  # fmt: skip
@@ -57,7 +57,7 @@ def stages(tmp_path: Path) -> tuple[InspectionJob, StageResult, StageResult]:
         element_of_triangle=surface.triangles[:, 0] * 0,
         elements=table_from_rows("elements", [element]),
     ).save(model.folder)
-    write_table("photos", photos(), ingested.folder)
+    write_table("photos", build_photos(), ingested.folder)
     return job, model, ingested
 
 
@@ -80,7 +80,7 @@ def test_masks_that_change_places_register_anew_and_nothing_detected_is_no_error
 ) -> None:
     """Two masks of the same bytes, each of the other photograph: the same bytes in the same order of paths."""
     job, model, ingested = stages
-    found = stage(tmp_path / "detections", "detections")
+    found = make_stage(tmp_path / "detections", "detections")
     write_table("detections", table_from_rows("detections", []), found.folder)
     folder = tmp_path / "2026-04"
     (folder / "masks").mkdir(parents=True)

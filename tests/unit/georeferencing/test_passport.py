@@ -17,11 +17,11 @@ from schemas.vocabulary import ControlKind, PointKind
 from tests.unit.georeferencing.small_block import (
     SITE_FROM_SFM,
     BoxSurface,
-    marked_points,
-    no_attitudes,
-    no_positions,
-    reconstruction_of,
-    small_block,
+    build_marked_points,
+    build_no_attitudes,
+    build_no_positions,
+    build_reconstruction,
+    build_small_block,
 )
 
 GOOD = np.array([0.02, 0.03, 0.05])
@@ -70,14 +70,14 @@ def test_points_are_told_in_site_and_on_the_globe() -> None:
 @pytest.fixture(scope="module")
 def held() -> AdjustedBlock:
     """A block of 600 points held by control points; its building is the model exactly."""
-    block = small_block(points=600)
+    block = build_small_block(points=600)
     rng = np.random.default_rng(3)
-    marked = marked_points(block, rng, points=np.arange(0, 600, 40), survey_m=0.005, mark_px=0.5)
-    evidence = ControlObservations(positions=no_positions(), attitudes=no_attitudes(), marked=marked)
-    return adjust_block(reconstruction_of(block, rng, tie_px=0.5), SITE_FROM_SFM, evidence)
+    marked = build_marked_points(block, rng, points=np.arange(0, 600, 40), survey_m=0.005, mark_px=0.5)
+    evidence = ControlObservations(positions=build_no_positions(), attitudes=build_no_attitudes(), marked=marked)
+    return adjust_block(build_reconstruction(block, rng, tie_px=0.5), SITE_FROM_SFM, evidence)
 
 
-def bent(adjusted: AdjustedBlock, away_m: Callable[[np.ndarray], np.ndarray]) -> AdjustedBlock:
+def bend_block(adjusted: AdjustedBlock, away_m: Callable[[np.ndarray], np.ndarray]) -> AdjustedBlock:
     """The same block with the points of each facade moved out of it by ``away_m`` of their place along it."""
     state = adjusted.solution.state
     xyz = state.xyz_site_m.copy()
@@ -100,7 +100,7 @@ def test_a_block_that_is_not_bent_shows_no_doming(held: AdjustedBlock) -> None:
 def test_a_bent_block_shows_its_sagitta(held: AdjustedBlock, sagitta_m: float) -> None:
     """Every facade bulges like one sphere: ``sagitta_m`` over the half of the longest, 5 m."""
     before, after = compare_with_model(held, BoxSurface()), compare_with_model(
-        bent(held, lambda u: sagitta_m * (u / 5.0) ** 2), BoxSurface()
+        bend_block(held, lambda u: sagitta_m * (u / 5.0) ** 2), BoxSurface()
     )  # fmt: skip
     assert before is not None and after is not None
     assert abs(after.doming_m - sagitta_m) < 3.5 * after.doming_sigma_m + 0.004  # m
@@ -108,7 +108,7 @@ def test_a_bent_block_shows_its_sagitta(held: AdjustedBlock, sagitta_m: float) -
 
 
 def test_a_wall_that_leans_or_stands_off_is_not_bent(held: AdjustedBlock) -> None:
-    after = compare_with_model(bent(held, lambda u: 0.1 + 0.01 * u), BoxSurface())
+    after = compare_with_model(bend_block(held, lambda u: 0.1 + 0.01 * u), BoxSurface())
     assert after is not None
     assert abs(after.doming_m) < 3.5 * after.doming_sigma_m + 0.004  # m
     assert 0.07 < after.residual_m < 0.14

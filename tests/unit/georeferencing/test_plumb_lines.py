@@ -23,7 +23,7 @@ LOOKING_NORTH = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # site_from_cam:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drawn:
+class DrawnPhotographs:
     """Grey photographs in memory."""
 
     images: list[NDArray[np.uint8] | None]
@@ -35,7 +35,7 @@ class Drawn:
         return image[::reduction, ::reduction]
 
 
-def cameras(count: int) -> list[PosedCamera]:
+def build_cameras(count: int) -> list[PosedCamera]:
     """Cameras along a wall that lies ten metres north, with pitch up and down, roll and yaw."""
     made = []
     for k in range(count):
@@ -46,7 +46,7 @@ def cameras(count: int) -> list[PosedCamera]:
     return made
 
 
-def drawn(
+def draw_photograph(
     posed: PosedCamera, up: Float64Array, rng: np.random.Generator, *, built_deg: float, uprights: int = 40
 ) -> Any:
     """What ``posed`` sees of pilasters along ``up`` (3,), each off by ``built_deg`` of its own, and of sills."""
@@ -69,8 +69,10 @@ def drawn(
 def test_the_vertical_is_found_through_pitch_roll_and_distortion() -> None:
     rng = np.random.default_rng(3)
     up = np.array([np.radians(0.4), np.radians(-0.3), 1.0])
-    views = cameras(8)
-    found = estimate_vertical(views, Drawn(images=[drawn(view, up, rng, built_deg=0.2) for view in views]))
+    views = build_cameras(8)
+    found = estimate_vertical(
+        views, DrawnPhotographs(images=[draw_photograph(view, up, rng, built_deg=0.2) for view in views])
+    )
     assert found is not None
     off_deg = np.degrees(found.up_site[:2] / found.up_site[2]) - [0.4, -0.3]
     assert np.abs(off_deg).max() < 0.08  # deg: 0.2 deg each, some hundred lines
@@ -83,17 +85,17 @@ def test_the_vertical_is_found_through_pitch_roll_and_distortion() -> None:
 def test_photographs_without_upright_lines_or_that_cannot_be_read_are_passed_over() -> None:
     rng = np.random.default_rng(4)
     up = np.array([0.0, 0.0, 1.0])
-    views = cameras(6)
-    images = [drawn(view, up, rng, built_deg=0.1) for view in views]
+    views = build_cameras(6)
+    images = [draw_photograph(view, up, rng, built_deg=0.1) for view in views]
     images[1], images[2] = None, np.full_like(images[0], 90)
-    found = estimate_vertical(views, Drawn(images=images))
+    found = estimate_vertical(views, DrawnPhotographs(images=images))
     assert found is not None
     assert found.photographs == 4
     images[3] = None
-    assert estimate_vertical(views, Drawn(images=images)) is None  # three photographs are too few
+    assert estimate_vertical(views, DrawnPhotographs(images=images)) is None  # three photographs are too few
 
 
-def _wall_block(lean_rad: Float64Array) -> tuple[AdjustedBlock, Float64Array]:
+def _build_wall_block(lean_rad: Float64Array) -> tuple[AdjustedBlock, Float64Array]:
     """A block of a plumb wall that was turned by ``-lean_rad`` about the wall's middle, and where its cameras were."""
     rng = np.random.default_rng(1)
     wall = np.column_stack([rng.uniform(-10, 10, 4000), np.zeros(4000), rng.uniform(0, 12, 4000)])
@@ -117,7 +119,7 @@ def test_a_block_that_leans_with_its_walls_is_set_upright_as_far_as_the_lines_kn
     lean_deg: tuple[float, float],
 ) -> None:
     lean_rad = np.radians(lean_deg)
-    adjusted, true = _wall_block(lean_rad)
+    adjusted, true = _build_wall_block(lean_rad)
     # In the leaning block's frame the vertical is the site's, turned back.
     up = Rotation.from_rotvec([*-lean_rad, 0.0]).as_matrix() @ np.array([0.0, 0.0, 1.0])
     sure = estimate_lean(adjusted, 0.10, VerticalDirection(up_site=up, sigma_rad=1e-6, lines=900, photographs=9))
@@ -135,7 +137,7 @@ def test_a_block_that_leans_with_its_walls_is_set_upright_as_far_as_the_lines_kn
 
 
 def test_nothing_within_the_block_changes() -> None:
-    adjusted, _ = _wall_block(np.radians([0.4, 0.1]))
+    adjusted, _ = _build_wall_block(np.radians([0.4, 0.1]))
     lean = estimate_lean(
         adjusted, 0.03, VerticalDirection(up_site=np.array([0.003, 0.004, 1.0]), sigma_rad=1e-3, lines=9, photographs=9)
     )

@@ -21,10 +21,10 @@ from tests.unit.georeferencing.two_campaigns import (
     NOISE_PX,
     ORIGIN,
     Campaign,
-    a_similarity,
-    campaign,
-    faces,
-    random_descriptors,
+    build_campaign,
+    draw_descriptors,
+    draw_facade_points,
+    draw_similarity,
 )
 
 
@@ -32,10 +32,10 @@ from tests.unit.georeferencing.two_campaigns import (
 def placed() -> Campaign:
     """A campaign of 400 tie points."""
     rng = np.random.default_rng(5)
-    return campaign(faces(400, rng), random_descriptors(400, rng), a_similarity(5), rng)
+    return build_campaign(draw_facade_points(400, rng), draw_descriptors(400, rng), draw_similarity(5), rng)
 
 
-def reference(of: Campaign, *, most: int = 1000, spoil: slice | None = None) -> ReferencePoints:
+def build_own_reference(of: Campaign, *, most: int = 1000, spoil: slice | None = None) -> ReferencePoints:
     """Its reference; ``spoil`` are points that the adjustment dropped."""
     xyz = of.site_from_sfm.apply(of.reconstruction.xyz_sfm)
     covariance = compute_tie_point_covariance(of.reconstruction, of.cameras, xyz, sigma_px=NOISE_PX)
@@ -56,7 +56,7 @@ def reference(of: Campaign, *, most: int = 1000, spoil: slice | None = None) -> 
 
 
 def test_it_keeps_what_the_adjustment_kept_in_its_rows(placed: Campaign) -> None:
-    points = reference(placed, spoil=slice(0, 50))
+    points = build_own_reference(placed, spoil=slice(0, 50))
     xyz = placed.site_from_sfm.apply(placed.reconstruction.xyz_sfm)
     assert 300 < len(points) <= 350
     for k in (0, 17, len(points) - 1):
@@ -73,7 +73,7 @@ def test_it_keeps_what_the_adjustment_kept_in_its_rows(placed: Campaign) -> None
 
 
 def test_a_smaller_reference_is_spread_over_the_building(placed: Campaign) -> None:
-    few = reference(placed, most=60)
+    few = build_own_reference(placed, most=60)
     assert len(few) == 60
     cells = {tuple(cell) for cell in np.floor(few.xyz_site_m / 0.5).astype(int).tolist()}
     assert len(cells) == 60  # no half-metre cell gives its second point before every cell gave its first
@@ -87,12 +87,12 @@ def test_of_a_cell_the_worthiest_point_is_chosen() -> None:
 
 def test_a_campaign_of_loose_points_cannot_be_a_reference(placed: Campaign) -> None:
     with pytest.raises(GeoreferenceError, match=r"none of the 400 tie points is known to 0\.10 m"):
-        reference(placed, spoil=slice(0, 400))
+        build_own_reference(placed, spoil=slice(0, 400))
 
 
 def test_descriptors_of_another_reconstruction_are_refused(placed: Campaign) -> None:
     with pytest.raises(InputDataError, match=r"\(399, 128\) for 400 tie points"):
-        reference(replace(placed, descriptors=placed.descriptors[:-1]))
+        build_own_reference(replace(placed, descriptors=placed.descriptors[:-1]))
 
 
 def test_the_covariance_is_that_of_repeated_sightings(placed: Campaign) -> None:
@@ -131,7 +131,7 @@ def test_a_point_nobody_saw_has_no_covariance(placed: Campaign) -> None:
 
 
 def test_the_file_comes_back_the_same_and_has_one_hash(placed: Campaign, tmp_path: Path) -> None:
-    points = reference(placed)
+    points = build_own_reference(placed)
     digest = points.save(tmp_path / "a.npz")
     assert points.save(tmp_path / "b.npz") == digest
     assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
@@ -148,7 +148,7 @@ def test_the_file_comes_back_the_same_and_has_one_hash(placed: Campaign, tmp_pat
 @pytest.mark.parametrize("harm", ["missing", "short", "changed", "other"])
 def test_a_file_that_is_not_whole_is_refused(placed: Campaign, tmp_path: Path, harm: str) -> None:
     path = tmp_path / "reference.npz"
-    reference(placed).save(path)
+    build_own_reference(placed).save(path)
     if harm == "missing":
         path.unlink()
     elif harm == "short":
@@ -166,7 +166,7 @@ def test_a_file_that_is_not_whole_is_refused(placed: Campaign, tmp_path: Path, h
 
 def test_about_another_origin_it_is_the_same_place_on_the_globe(placed: Campaign) -> None:
     """Independent path: by longitude, latitude and height, point by point."""
-    points = reference(placed)
+    points = build_own_reference(placed)
     other = SiteOrigin(lon_deg=9.101, lat_deg=48.7405, height_ellipsoidal_m=470.0)
     there = points.transform_to(other)
     np.testing.assert_allclose(

@@ -14,20 +14,20 @@ from facadelake.georeferencing.campaign.consistency import (
     remove_bending,
 )
 from facadelake.georeferencing.campaign.matching import match_reference
-from tests.unit.georeferencing.test_reference_matching import reference
+from tests.unit.georeferencing.test_reference_matching import build_true_reference
 from tests.unit.georeferencing.two_campaigns import (
     ORIGIN,
-    a_similarity,
-    another_day,
-    campaign,
-    faces,
-    random_descriptors,
+    build_campaign,
+    change_light,
+    draw_descriptors,
+    draw_facade_points,
+    draw_similarity,
 )  # fmt: skip
 
 BAY_M = 6.0
 
 
-def look_alike(built_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def build_similar_facades(built_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """A wall of bays; the earlier campaign sees the first, the later one the second, whose windows look the same.
 
     Returns both campaigns' points and descriptors; ``built_m`` is how exactly the windows were built alike.
@@ -36,15 +36,15 @@ def look_alike(built_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.n
     windows = np.column_stack([rng.uniform(0, BAY_M, 400), -rng.uniform(0, 0.1, 400), rng.uniform(0, 9, 400)])
     windows = windows[(windows[:, 0] % 2.0 < 0.8) & (windows[:, 2] % 3.0 < 1.5)]
     wall = np.column_stack([rng.uniform(0, BAY_M, 900), np.zeros(900), rng.uniform(0, 9, 900)])
-    looks = random_descriptors(len(windows), rng)
+    looks = draw_descriptors(len(windows), rng)
     first = np.concatenate([windows, wall])
     alike = windows + rng.normal(0, built_m, windows.shape)
     second = np.concatenate([alike, wall[::-1] * [1, 1, 0.99]]) + np.array([BAY_M, 0, 0])
     return (
         first,
-        np.concatenate([looks, random_descriptors(900, rng)]),
+        np.concatenate([looks, draw_descriptors(900, rng)]),
         second,
-        np.concatenate([another_day(looks, rng), random_descriptors(900, rng)]),
+        np.concatenate([change_light(looks, rng), draw_descriptors(900, rng)]),
     )
 
 
@@ -52,24 +52,24 @@ def look_alike(built_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.n
 def test_windows_of_another_bay_are_not_the_same_windows(built_m: float, far: str) -> None:
     """By their centimetres where they were built by hand, and by the walls between them however they were built."""
     rng = np.random.default_rng(22)
-    first, looks_first, second, looks_second = look_alike(built_m)
-    earlier = campaign(first, looks_first, a_similarity(1), rng)
-    later = campaign(second, looks_second, a_similarity(2), rng)
+    first, looks_first, second, looks_second = build_similar_facades(built_m)
+    earlier = build_campaign(first, looks_first, draw_similarity(1), rng)
+    later = build_campaign(second, looks_second, draw_similarity(2), rng)
     message = f"surface that looks alike: residuals are {far} .* in \\d+ of the \\d+ cells"
     with pytest.raises(GeoreferenceError, match=message):
-        match_reference(later.reconstruction, later.descriptors, reference(earlier), origin=ORIGIN)
+        match_reference(later.reconstruction, later.descriptors, build_true_reference(earlier), origin=ORIGIN)
 
 
 def test_a_bent_block_still_finds_its_building() -> None:
     """A doming of 6 cm is ten times the points' sigmas, yet no sign of another surface."""
     rng = np.random.default_rng(23)
-    xyz, looks = faces(1500, rng), random_descriptors(1500, rng)
-    earlier = campaign(xyz, looks, a_similarity(1), rng)
-    later = campaign(xyz, another_day(looks, rng), a_similarity(2), rng)
+    xyz, looks = draw_facade_points(1500, rng), draw_descriptors(1500, rng)
+    earlier = build_campaign(xyz, looks, draw_similarity(1), rng)
+    later = build_campaign(xyz, change_light(looks, rng), draw_similarity(2), rng)
     site = later.site_from_sfm.apply(later.reconstruction.xyz_sfm)
     dome = 0.06 * ((site[:, :1] - 10) / 10) ** 2 * [0.0, 1.0, 0.5]
     bent = replace(later.reconstruction, xyz_sfm=later.site_from_sfm.invert().apply(site + dome))
-    found = match_reference(bent, later.descriptors, reference(earlier), origin=ORIGIN)
+    found = match_reference(bent, later.descriptors, build_true_reference(earlier), origin=ORIGIN)
     assert 0.5 < found.misfit < 1.3
     assert len(found.point) > 1300
     assert 0.01 < np.linalg.norm(found.residual_m, axis=1).mean() < 0.04  # m: left to the adjustment, not hidden
@@ -77,7 +77,7 @@ def test_a_bent_block_still_finds_its_building() -> None:
 
 def test_bending_is_taken_out_and_scatter_is_left() -> None:
     rng = np.random.default_rng(24)
-    xyz = faces(3000, rng)
+    xyz = draw_facade_points(3000, rng)
     covariance = np.broadcast_to(np.diag([0.005, 0.01, 0.005]) ** 2, (3000, 3, 3))
     scatter = rng.normal(0, [0.005, 0.01, 0.005], (3000, 3))
     bending = 0.002 * (xyz[:, :1] - 3) * (xyz[:, 2:] + 1) * [1, 2, 3]
@@ -94,7 +94,7 @@ def test_bending_is_taken_out_and_scatter_is_left() -> None:
 def test_a_stretched_block_keeps_its_right_pairs() -> None:
     """A focal length 9 % off, as four photographs leave it: a similarity joins a part, the rest follows."""
     rng = np.random.default_rng(25)
-    xyz = faces(2000, rng)
+    xyz = draw_facade_points(2000, rng)
     wrong = rng.random(2000) < 0.3
     stretch = (xyz - [10, 5, 4]) * [0.0, 0.02, 0.06] + rng.normal(0, 0.01, (2000, 3))
     residual = np.where(wrong[:, None], rng.uniform(-5, 5, (2000, 3)), stretch)

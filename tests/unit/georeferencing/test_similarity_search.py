@@ -6,7 +6,7 @@ import pytest
 from facadelake.georeferencing.campaign import descriptor_matching as descriptor_pairs
 from facadelake.georeferencing.campaign.descriptor_matching import match_descriptors
 from facadelake.georeferencing.campaign.similarity_search import search_similarity
-from tests.unit.georeferencing.two_campaigns import a_similarity, another_day, faces, random_descriptors
+from tests.unit.georeferencing.two_campaigns import change_light, draw_descriptors, draw_facade_points, draw_similarity
 
 
 def test_mutual_pairs_are_those_of_brute_force(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -14,8 +14,8 @@ def test_mutual_pairs_are_those_of_brute_force(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(descriptor_pairs, "_TILE_ROWS", 64)
     monkeypatch.setattr(descriptor_pairs, "_TILE_COLUMNS", 50)
     rng = np.random.default_rng(1)
-    a = random_descriptors(300, rng)
-    b = np.concatenate([another_day(a[rng.permutation(300)[:180]], rng), random_descriptors(40, rng)])
+    a = draw_descriptors(300, rng)
+    b = np.concatenate([change_light(a[rng.permutation(300)[:180]], rng), draw_descriptors(40, rng)])
     unit_a, unit_b = (x / np.linalg.norm(x, axis=1, keepdims=True) for x in (a.astype(float), b.astype(float)))
     distance = np.linalg.norm(unit_a[:, None] - unit_b, axis=2)
     nearest, sorted_ = distance.argmin(axis=1), np.sort(distance, axis=1)
@@ -32,7 +32,7 @@ def test_mutual_pairs_are_those_of_brute_force(monkeypatch: pytest.MonkeyPatch) 
 
 def test_what_looks_alike_twice_is_no_pair() -> None:
     rng = np.random.default_rng(2)
-    a = random_descriptors(50, rng)
+    a = draw_descriptors(50, rng)
     assert len(match_descriptors(a, np.concatenate([a, a[:20]]), max_ratio=0.9)) == 30
     assert len(match_descriptors(a, a[:1], max_ratio=0.9)) == 0  # nothing to compare the nearest with
     assert len(match_descriptors(a[:0], a, max_ratio=0.9)) == 0
@@ -41,9 +41,11 @@ def test_what_looks_alike_twice_is_no_pair() -> None:
 @pytest.mark.parametrize("share", [0.6, 0.1])
 def test_the_shared_similarity_is_found_among_wrong_pairs(share: float) -> None:
     rng = np.random.default_rng(3)
-    target, truth = faces(3000, rng), a_similarity(4)
+    target, truth = draw_facade_points(3000, rng), draw_similarity(4)
     right = rng.random(3000) < share
-    source = truth.invert().apply(np.where(right[:, None], target + rng.normal(0, 0.01, (3000, 3)), faces(3000, rng)))
+    source = truth.invert().apply(
+        np.where(right[:, None], target + rng.normal(0, 0.01, (3000, 3)), draw_facade_points(3000, rng))
+    )
     found = search_similarity(source, target, np.full(3000, 0.10))
     assert found is not None
     assert found.agrees[right].mean() > 0.99
@@ -54,7 +56,9 @@ def test_the_shared_similarity_is_found_among_wrong_pairs(share: float) -> None:
 
 def test_pairs_without_a_common_similarity_give_none_or_a_handful() -> None:
     rng = np.random.default_rng(5)
-    found = search_similarity(faces(500, rng), faces(500, rng)[rng.permutation(500)], np.full(500, 0.10))
+    found = search_similarity(
+        draw_facade_points(500, rng), draw_facade_points(500, rng)[rng.permutation(500)], np.full(500, 0.10)
+    )
     assert found is None or found.agrees.sum() < 15
 
 

@@ -11,7 +11,7 @@ CAMERA = Camera(width_px=4000, height_px=3000, fx_px=3000, fy_px=3000, cx_px=200
 POINT = np.array([0.3, -0.2, 10.0])
 
 
-def view(x: float, *, off_px: tuple[float, float] = (0.0, 0.0)) -> ImageRay:
+def build_ray(x: float, *, off_px: tuple[float, float] = (0.0, 0.0)) -> ImageRay:
     """A camera beside the origin that looks along z and marks POINT."""
     pose = Similarity(
         rotation=Rotation.from_euler("y", -2.0 * x, degrees=True).as_matrix(), translation=np.array([x, 0, 0])
@@ -21,14 +21,14 @@ def view(x: float, *, off_px: tuple[float, float] = (0.0, 0.0)) -> ImageRay:
 
 
 def test_exact_marks_meet_in_the_point() -> None:
-    found = intersect_rays([view(x) for x in (-3.0, -1.0, 2.0, 4.0)])
+    found = intersect_rays([build_ray(x) for x in (-3.0, -1.0, 2.0, 4.0)])
     assert found is not None
     np.testing.assert_allclose(found.xyz_world, POINT, rtol=0, atol=1e-6)
     assert found.rms_px < 1e-3
 
 
 def test_a_wrong_mark_is_not_used() -> None:
-    found = intersect_rays([view(-3.0), view(-1.0), view(2.0, off_px=(150.0, -60.0)), view(4.0)])
+    found = intersect_rays([build_ray(-3.0), build_ray(-1.0), build_ray(2.0, off_px=(150.0, -60.0)), build_ray(4.0)])
     assert found is not None
     assert found.used.tolist() == [True, True, False, True]
     np.testing.assert_allclose(found.xyz_world, POINT, rtol=0, atol=1e-6)
@@ -36,7 +36,7 @@ def test_a_wrong_mark_is_not_used() -> None:
 
 def test_noise_of_a_pixel_stays_a_pixel() -> None:
     rng = np.random.default_rng(1)
-    views = [view(x, off_px=tuple(rng.normal(0, 1.0, 2))) for x in np.linspace(-4, 4, 9)]
+    views = [build_ray(x, off_px=tuple(rng.normal(0, 1.0, 2))) for x in np.linspace(-4, 4, 9)]
     found = intersect_rays(views)
     assert found is not None
     assert 0.5 < found.rms_px < 2.5  # px
@@ -44,5 +44,5 @@ def test_noise_of_a_pixel_stays_a_pixel() -> None:
 
 
 def test_one_ray_or_parallel_rays_give_no_point() -> None:
-    assert intersect_rays([view(0.0)]) is None
-    assert intersect_rays([view(0.0), view(0.05)]) is None
+    assert intersect_rays([build_ray(0.0)]) is None
+    assert intersect_rays([build_ray(0.0), build_ray(0.05)]) is None

@@ -41,14 +41,14 @@ class Campaign:
         ]
 
 
-def faces(count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+def draw_facade_points(count: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """Points (n, 3) on the south and east faces of a building 20 x 12 x 9 m, with 5 cm of relief."""
     along, up, relief = rng.uniform(0, 32, count), rng.uniform(0, 9, count), rng.uniform(0, 0.05, count)
     south = along < 20
     return np.column_stack([np.where(south, along, 20 + relief), np.where(south, -relief, along - 20), up])
 
 
-def ring() -> list[Similarity]:
+def build_poses() -> list[Similarity]:
     """site_from_cam of photographs on an arc round the south-east corner, 15 m off, at three heights."""
     poses = []
     for k, azimuth in enumerate(np.linspace(-110, 20, PHOTOGRAPHS)):
@@ -62,7 +62,7 @@ def ring() -> list[Similarity]:
     return poses
 
 
-def campaign(
+def build_campaign(
     xyz_m: NDArray[np.float64],
     descriptors: NDArray[np.uint8],
     site_from_sfm: Similarity,
@@ -74,7 +74,7 @@ def campaign(
 
     The scatter of a point is drawn from the normal equations of its sightings, written here anew.
     """
-    poses, sfm_from_site = ring(), site_from_sfm.invert()
+    poses, sfm_from_site = build_poses(), site_from_sfm.invert()
     information = np.zeros((len(xyz_m), 3, 3))
     photo, point, xy = [], [], []
     for k, pose in enumerate(poses):
@@ -122,18 +122,18 @@ def campaign(
     )
 
 
-def random_descriptors(count: int, rng: np.random.Generator) -> NDArray[np.uint8]:
+def draw_descriptors(count: int, rng: np.random.Generator) -> NDArray[np.uint8]:
     """Descriptors (n, 128) of surfaces that have nothing in common; skewed as SIFT's are."""
     return np.minimum(rng.exponential(30.0, (count, 128)), 255).astype(np.uint8)
 
 
-def another_day(descriptors: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+def change_light(descriptors: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
     """The same surfaces under other light."""
     changed: NDArray[np.uint8] = np.clip(descriptors + rng.normal(0, 12.0, descriptors.shape), 0, 255).astype(np.uint8)
     return changed
 
 
-def a_similarity(seed: int) -> Similarity:
+def draw_similarity(seed: int) -> Similarity:
     """Some site_from_sfm: another scale, turn and place."""
     rng = np.random.default_rng(seed)
     return Similarity(
