@@ -58,7 +58,7 @@ def test_a_missing_file(tmp_path: Path) -> None:
 
 
 SCENE = Scene(poses=build_ring())
-CONTROL = SCENE.control()
+CONTROL = SCENE.build_control()
 
 
 def misname_photographs(point: SurveyedPoint) -> SurveyedPoint:
@@ -74,8 +74,8 @@ def georeference(
     limit_m: float = 60.0,  # GPS heights of an unknown datum are known to 50 m
 ) -> GeoreferencedCampaign:
     return georeference_reconstruction(
-        SCENE.reconstruction(),
-        SCENE.photos() if photos is None else photos,
+        SCENE.build_reconstruction(),
+        SCENE.build_photos() if photos is None else photos,
         site_frame=SiteFrame(
             origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50"
         ),
@@ -84,22 +84,22 @@ def georeference(
 
 
 def compute_camera_errors_m(found: GeoreferencedCampaign) -> np.ndarray:
-    truth = {name: centre for name, (centre, _) in zip(SCENE.ids(), SCENE.poses, strict=True)}
+    truth = {name: centre for name, (centre, _) in zip(SCENE.list_ids(), SCENE.poses, strict=True)}
     return np.array([np.linalg.norm(posed.centre_site_m - truth[name]) for name, posed in found.cameras.items()])
 
 
 @pytest.mark.parametrize(
-    ("first", "said"),
+    ("first", "remark"),
     [
         (replace(CONTROL.points[0], x=CONTROL.points[0].x + 100), "control points left out as gross errors: G1"),
         (misname_photographs(CONTROL.points[0]), "control points not usable (fewer than 2 agreeing marks): G1"),
     ],
     ids=["easting mistyped by 100 m", "photographs' names mistyped"],
 )
-def test_one_bad_control_point_is_named_and_the_others_carry_the_block(first: SurveyedPoint, said: str) -> None:
+def test_one_bad_control_point_is_named_and_the_others_carry_the_block(first: SurveyedPoint, remark: str) -> None:
     found = georeference(None, replace(CONTROL, points=(first, *CONTROL.points[1:])))
     assert (found.control, found.row["points_used"], found.row["points_total"]) == ("gcp", 5, 6)
-    assert said in found.row["remarks"]
+    assert remark in found.row["remarks"]
     assert 0.001 < compute_camera_errors_m(found).max() < 0.1  # m: survey and marks have errors of centimetres
 
 
@@ -111,16 +111,16 @@ def test_control_points_of_other_photographs(tmp_path: Path) -> None:
         "0 of 6 control points of gcp_list.txt can be used, 3 are needed; each must be marked in 2 or more localised "
         "photographs whose names match the files (not usable: G1, G2, G3, G4, G5, G6)"
     )
-    by_itself = georeference(None, points)  # where nobody insists on them, GPS carries the block, and it is said why
-    assert by_itself.control == "gps"
-    assert by_itself.row["remarks"].startswith(
+    automatic = georeference(None, points)  # without a request for control points, GPS is the control, with a remark
+    assert automatic.control == "gps"
+    assert automatic.row["remarks"].startswith(
         "chosen automatically: gps; 0 of 6 control points of gcp_list.txt can be used (3 are needed); "
     )
 
 
 def test_neither_control_points_nor_gps() -> None:
-    rows = [row | {"prior_source": PositionSource.NONE} for row in SCENE.photos().to_pylist()]
-    photos = pa.Table.from_pylist(rows, schema=SCENE.photos().schema)
+    rows = [row | {"prior_source": PositionSource.NONE} for row in SCENE.build_photos().to_pylist()]
+    photos = pa.Table.from_pylist(rows, schema=SCENE.build_photos().schema)
     with pytest.raises(GeoreferenceError) as raised:
         georeference(None, None, photos)
     assert str(raised.value) == (
@@ -136,10 +136,10 @@ def test_neither_control_points_nor_gps() -> None:
 
 def swap_gps() -> pa.Table:
     """Table `photos` with latitude and longitude exchanged."""
-    rows = SCENE.photos().to_pylist()
+    rows = SCENE.build_photos().to_pylist()
     for row in rows:
         row["prior_lon_deg"], row["prior_lat_deg"] = row["prior_lat_deg"], row["prior_lon_deg"]
-    return pa.Table.from_pylist(rows, schema=SCENE.photos().schema)
+    return pa.Table.from_pylist(rows, schema=SCENE.build_photos().schema)
 
 
 @pytest.mark.parametrize(
@@ -154,7 +154,7 @@ def swap_gps() -> pa.Table:
         ),
         (
             replace(CONTROL, points=tuple(replace(p, x=p.y, y=p.x) for p in CONTROL.points)),
-            SCENE.photos(),
+            SCENE.build_photos(),
             "only 3 of 6 control points of gcp_list.txt agree with one another (more than half must): "
             "check their coordinates, CRS and marks, or georeference by gps",
         ),
@@ -180,7 +180,7 @@ FAR = (
         (None, swap_gps(), FAR.format(km="5660", control="gps", lon="48.900", lat="8.400")),
         (
             replace(CONTROL, crs="EPSG:25833"),
-            SCENE.photos(),
+            SCENE.build_photos(),
             FAR.format(km="440", control="gcp", lon="14.400", lat="48.900"),
         ),
     ],

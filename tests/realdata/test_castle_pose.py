@@ -101,9 +101,9 @@ def test_tie_points_project_onto_their_pixels(block: Block) -> None:
     sfm = block.reconstruction
     errors = []
     for k, photo in enumerate(sfm.photos):
-        mine = sfm.image_point_photo == k
-        cam = photo.sfm_from_cam.invert().apply(sfm.xyz_sfm[sfm.image_point_tie_point[mine]])
-        off = np.linalg.norm(photo.camera.project(cam) - sfm.image_point_xy_img[mine], axis=1)
+        shown = sfm.image_point_photo == k
+        cam = photo.sfm_from_cam.invert().apply(sfm.xyz_sfm[sfm.image_point_tie_point[shown]])
+        off = np.linalg.norm(photo.camera.project(cam) - sfm.image_point_xy_img[shown], axis=1)
         assert off.mean() == pytest.approx(photo.reprojection_error_px, rel=0, abs=1e-6)  # px
         errors.append(off)
     assert np.concatenate(errors).max() < 4.0  # px

@@ -1,7 +1,7 @@
 """Two campaigns of four real photographs each, at a third of their size: the one found in the frame of the other.
 
 Four photographs leave a block stretched by decimetres (the adjustment that follows mends that), so what is held against
-truth is which point is which: both campaigns' sightings are intersected with the published cameras.
+truth is which point is which: both campaigns' image points are intersected with the published cameras.
 """
 
 import csv
@@ -47,7 +47,7 @@ class Half:
         return estimate_similarity(self.reconstruction.centres_sfm, centres)
 
     def intersect(self, row: int) -> np.ndarray | None:
-        """Where the published cameras see tie point ``row``, from its sightings alone."""
+        """Where the published cameras see tie point ``row``, from its image points alone."""
         sfm = self.reconstruction
         tracks = np.flatnonzero(sfm.image_point_tie_point == row)
         cameras = [self.published[sfm.image_point_photo[k]] for k in tracks]

@@ -201,7 +201,7 @@ def adjust_to_control(
 
 
 def test_a_lens_is_found_and_terms_that_it_does_not_have_are_held() -> None:
-    """The principal point 15 px from the middle, k1 -0.03; no k2, p1, p2, square pixels."""
+    """The principal point 15 px from the centre, k1 -0.03; no k2, p1, p2, square pixels."""
     block = build_small_block(camera=BENT, points=300)
     truth = lens_from_camera(BENT)
     held, left = [], []
@@ -280,6 +280,6 @@ def test_a_model_holds_a_block_against_the_bias_of_its_gps() -> None:
         assert len(adjusted.problem.point_to_plane.point) > 350
         means.append(block.errors(adjusted.solution.state)[:, :3].mean(axis=0))
         np.testing.assert_allclose(adjusted.gps_offset_m[0], [1.3, -0.8, 2.1], rtol=0, atol=0.4)  # m; 0.3 / sqrt(12)
-        # Two opposite walls of 2 cm each hold the middle to 1.4 cm; the ground, being one, to 2 cm.
+        # Two opposite walls of 2 cm each fix their centre to 1.4 cm; the ground, being one, to 2 cm.
         np.testing.assert_allclose(np.sqrt(np.diag(adjusted.datum_covariance_m2)), 0.017, rtol=0, atol=0.012)  # m
     assert 1e-5 < np.abs(means).max() < 0.02  # m; the box is exact here, so nothing but images errs

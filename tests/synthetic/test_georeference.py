@@ -77,10 +77,10 @@ class Scene:
         """What hides what."""
         return BOX_ON_GROUND if self.ground else BOX
 
-    def ids(self) -> list[str]:
+    def list_ids(self) -> list[str]:
         return [f"p{k:02}.jpg" for k in range(len(self.poses))]
 
-    def points(self) -> np.ndarray:
+    def draw_points(self) -> np.ndarray:
         """Points on the four walls, and on the ground."""
         rng = np.random.default_rng(self.seed)
         uv = rng.uniform(-1, 1, (480, 2))
@@ -94,10 +94,10 @@ class Scene:
         outside = (np.abs(flat) > HALF[:2] + 0.5).any(axis=1)
         return np.vstack([walls, np.column_stack([flat[outside], np.zeros(outside.sum())])])
 
-    def reconstruction(self) -> Reconstruction:
+    def build_reconstruction(self) -> Reconstruction:
         """The block in sfm: tie points with 1 cm of noise, seen within ``tie_px`` where they face the camera."""
         rng = np.random.default_rng(self.seed + 1)
-        xyz = self.points()
+        xyz = self.draw_points()
         sfm_from_site = SITE_FROM_SFM.invert()
         photos, track_photo, track_point, track_xy = [], [], [], []
         for k, (centre, rotation) in enumerate(self.poses):
@@ -111,7 +111,7 @@ class Scene:
             track_xy.append(xy[seen] + rng.normal(0, self.tie_px, (seen.sum(), 2)))
             photos.append(
                 LocalisedPhoto(
-                    photo_id=self.ids()[k],
+                    photo_id=self.list_ids()[k],
                     camera=CAMERA,
                     sfm_from_cam=Similarity(
                         rotation=sfm_from_site.rotation @ rotation, translation=sfm_from_site.apply(centre)
@@ -132,7 +132,7 @@ class Scene:
             costs=(),
         )
 
-    def photos(self, moved: dict[int, np.ndarray] | None = None) -> pa.Table:
+    def build_photos(self, moved: dict[int, np.ndarray] | None = None) -> pa.Table:
         """Table `photos`: GPS with bias and noise, gimbal attitude with 2 deg of yaw error."""
         rng = np.random.default_rng(self.seed + 2)
         rows = []
@@ -142,7 +142,7 @@ class Scene:
             z = rotation[:, 2]
             rows.append(
                 {
-                    "photo_id": self.ids()[k], "sha256": str(k), "bytes": 1, "role": "multiview",
+                    "photo_id": self.list_ids()[k], "sha256": str(k), "bytes": 1, "role": "multiview",
                     "photo_outcome": "accepted", "image_width_px": 4000, "image_height_px": 3000,
                     "prior_source": "xmp", "prior_lon_deg": lon, "prior_lat_deg": lat, "prior_height_m": height,
                     "prior_height_datum": "unknown", "prior_sigma_horizontal_m": 3.0, "prior_sigma_vertical_m": 5.0,
@@ -162,28 +162,28 @@ class Scene:
                 "prior_height_datum": "unknown"}  # fmt: skip
         return table_from_rows("photos", [*rows, lost])
 
-    def control(self, count: int = 6, survey_m: float = 0.01, mark_px: float = 0.5) -> SurveyedPoints:
+    def build_control(self, count: int = 6, survey_m: float = 0.01, mark_px: float = 0.5) -> SurveyedPoints:
         """Control points on the walls, marked in up to five photographs each."""
         rng = np.random.default_rng(self.seed + 3)
-        xyz = self.points()[::80][:count]
+        xyz = self.draw_points()[::80][:count]
         points = []
         for k, at in enumerate(xyz):
-            sightings = []
-            for photo_id, (centre, rotation) in zip(self.ids(), self.poses, strict=True):
+            marks = []
+            for photo_id, (centre, rotation) in zip(self.list_ids(), self.poses, strict=True):
                 hit = self.surface.cast(centre[None], (at - centre)[None])
                 xy = CAMERA.project(Similarity(rotation=rotation, translation=centre).invert().apply(at[None]))
                 if abs(hit.distance_m[0] - 1) < 1e-6 and CAMERA.is_inside(xy)[0]:
                     marked = xy[0] + rng.normal(0, mark_px, 2)
-                    sightings.append(ImageMark(photo_name=photo_id, x_px=marked[0], y_px=marked[1]))
+                    marks.append(ImageMark(photo_name=photo_id, x_px=marked[0], y_px=marked[1]))
             east, north, height = ORIGIN.map_from_site((at + rng.normal(0, survey_m, 3))[None], "EPSG:25832")[0]
-            points.append(SurveyedPoint(name=f"G{k + 1}", x=east, y=north, z=height, marks=tuple(sightings[:5])))
+            points.append(SurveyedPoint(name=f"G{k + 1}", x=east, y=north, z=height, marks=tuple(marks[:5])))
         return SurveyedPoints(source="gcp_list.txt", crs="EPSG:25832", points=tuple(points))
 
-    def placed(self, control: ControlKind | None, **given: object) -> GeoreferencedCampaign:
+    def georeference(self, control: ControlKind | None, **given: object) -> GeoreferencedCampaign:
         """Georeference the block."""
         return georeference_reconstruction(
-            self.reconstruction(),
-            given.get("photos", self.photos()),  # type: ignore[arg-type]
+            self.build_reconstruction(),
+            given.get("photos", self.build_photos()),  # type: ignore[arg-type]
             site_frame=SiteFrame(
                 origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50"
             ),
@@ -196,16 +196,16 @@ class Scene:
             ),
         )
 
-    def error_m(self, found: GeoreferencedCampaign) -> np.ndarray:
+    def compute_error_m(self, found: GeoreferencedCampaign) -> np.ndarray:
         """Camera centres minus truth (n, 3)."""
         truth = np.array([centre for centre, _ in self.poses])
-        return np.array([found.cameras[photo_id].centre_site_m for photo_id in self.ids()]) - truth
+        return np.array([found.cameras[photo_id].centre_site_m for photo_id in self.list_ids()]) - truth
 
 
 def test_gps_leaves_its_common_bias_and_averages_its_noise() -> None:
     scene = Scene(build_ring())
-    found = scene.placed(ControlKind.GPS)
-    offset = scene.error_m(found).mean(axis=0)
+    found = scene.georeference(ControlKind.GPS)
+    offset = scene.compute_error_m(found).mean(axis=0)
     # 24 photographs: noise of the mean 0.08, 0.08, 0.14 m; four sigma
     np.testing.assert_allclose(offset, BIAS, rtol=0, atol=0.6)  # m
     assert 0.005 < np.abs(offset - BIAS).max() < 0.6  # m, the noise is in there
@@ -221,17 +221,19 @@ def test_gps_leaves_its_common_bias_and_averages_its_noise() -> None:
 
 def test_a_gross_gps_error_is_left_out_and_named() -> None:
     scene = Scene(build_ring(), bias=np.zeros(3))
-    found = scene.placed(ControlKind.GPS, photos=scene.photos({7: np.array([60.0, 0, 0]), 9: np.array([0, 0, -90.0])}))
+    found = scene.georeference(
+        ControlKind.GPS, photos=scene.build_photos({7: np.array([60.0, 0, 0]), 9: np.array([0, 0, -90.0])})
+    )
     assert found.row["points_used"] == 22
     assert "gross errors: p07.jpg, p09.jpg" in found.row["remarks"]
-    assert 0.02 < np.linalg.norm(scene.error_m(found), axis=1).mean() < 0.7  # m
+    assert 0.02 < np.linalg.norm(scene.compute_error_m(found), axis=1).mean() < 0.7  # m
 
 
 def test_control_points_place_the_block_to_a_centimetre() -> None:
     scene = Scene(build_ring())
-    found = scene.placed(None, control_points=scene.control())
+    found = scene.georeference(None, control_points=scene.build_control())
     assert found.control is ControlKind.GCP
-    error = np.linalg.norm(scene.error_m(found), axis=1)
+    error = np.linalg.norm(scene.compute_error_m(found), axis=1)
     assert 0.001 < error.mean() < 0.04  # m; 1 cm of survey noise on 6 points
     assert 0.003 < found.row["residual_rmse_m"] < 0.03  # m
     offset = [found.row[f"gps_offset_{axis}_m"] for axis in ("east", "north", "up")]
@@ -245,21 +247,21 @@ def test_control_points_place_the_block_to_a_centimetre() -> None:
 
 def test_a_blunder_among_control_points_is_left_out_and_named() -> None:
     scene = Scene(build_ring())
-    good = scene.control()
+    good = scene.build_control()
     wrong = good.points[2]
     moved = SurveyedPoint(name=wrong.name, x=wrong.x + 2.0, y=wrong.y, z=wrong.z, marks=wrong.marks)
     points = (*good.points[:2], moved, *good.points[3:])
-    found = scene.placed(ControlKind.GCP, control_points=SurveyedPoints(source="g", crs=good.crs, points=points))
+    found = scene.georeference(ControlKind.GCP, control_points=SurveyedPoints(source="g", crs=good.crs, points=points))
     assert (found.row["points_used"], found.row["points_total"]) == (5, 6)
     assert "gross errors: G3" in found.row["remarks"]
-    assert 0.001 < np.linalg.norm(scene.error_m(found), axis=1).mean() < 0.06  # m
+    assert 0.001 < np.linalg.norm(scene.compute_error_m(found), axis=1).mean() < 0.06  # m
 
 
 def test_check_points_tell_and_hold_nothing() -> None:
     scene = Scene(build_ring())
-    every = scene.control()
+    every = scene.build_control()
     off = replace(every.points[5], z=every.points[5].z + 0.3)
-    found = scene.placed(
+    found = scene.georeference(
         ControlKind.GCP,
         control_points=replace(every, points=every.points[:4]),
         check_points=replace(every, points=(every.points[4], off)),
@@ -272,43 +274,43 @@ def test_check_points_tell_and_hold_nothing() -> None:
     assert 0.002 < np.linalg.norm(left["G5"]) < 0.08  # m; 1 cm of survey an axis, here and at four control points
     np.testing.assert_allclose(left["G6"], [0, 0, 0.3], rtol=0, atol=0.08)  # m
     assert not any(row["point_used"] for row in rows.values())
-    error = np.linalg.norm(scene.error_m(found), axis=1)
+    error = np.linalg.norm(scene.compute_error_m(found), axis=1)
     assert 0.001 < error.mean() < 0.08  # m
 
 
 def test_control_points_of_another_block_are_refused() -> None:
     """Marks and coordinates that belong together by name alone: neither a majority nor GPS supports them."""
     scene = Scene(build_ring())
-    good = scene.control()
+    good = scene.build_control()
     swapped = tuple(
         SurveyedPoint(name=p.name, x=q.x, y=q.y, z=q.z, marks=p.marks)
         for p, q in zip(good.points, [good.points[k] for k in (3, 5, 0, 1, 2, 4)], strict=True)
     )
     with pytest.raises(GeoreferenceError, match=r"agree with one another|agree on one placement|against its GPS"):
-        scene.placed(ControlKind.GCP, control_points=SurveyedPoints(source="g", crs=good.crs, points=swapped))
+        scene.georeference(ControlKind.GCP, control_points=SurveyedPoints(source="g", crs=good.crs, points=swapped))
 
 
 def test_too_few_control_points() -> None:
     scene = Scene(build_ring(12))
-    two = scene.control(count=2)
-    found = scene.placed(None, control_points=two, limit_m=60.0)
+    two = scene.build_control(count=2)
+    found = scene.georeference(None, control_points=two, limit_m=60.0)
     assert found.control is ControlKind.GPS
     with pytest.raises(GeoreferenceError, match=r"by gps, .* known to 50\.\d+ m up .* limit is 0\.5 m"):
-        scene.placed(None, control_points=two)
+        scene.georeference(None, control_points=two)
     assert "2 of 2 control points of gcp_list.txt can be used (3 are needed)" in found.row["remarks"]
     with pytest.raises(GeoreferenceError, match=r"2 of 2 control points .* 3 are needed"):
-        scene.placed(ControlKind.GCP, control_points=two)
+        scene.georeference(ControlKind.GCP, control_points=two)
     with pytest.raises(GeoreferenceError, match="none are given"):
-        scene.placed(ControlKind.GCP)
+        scene.georeference(ControlKind.GCP)
 
 
 def test_walls_alone_fix_the_plan_and_leave_the_height_to_gps() -> None:
     scene = Scene(build_ring(16))
-    found = scene.placed(ControlKind.MODEL, model=build_model(), limit_m=60.0)
-    offset = scene.error_m(found).mean(axis=0)
+    found = scene.georeference(ControlKind.MODEL, model=build_model(), limit_m=60.0)
+    offset = scene.compute_error_m(found).mean(axis=0)
     assert 1e-5 < np.linalg.norm(offset[:2]) < 0.03  # m; 1.5 m before
     assert 1.3 < offset[2] < 2.9  # m: the bias of 2.1 m is still there
-    # Two opposite walls of 3 cm each; heights that name no datum may be off by the geoid.
+    # Two opposite walls of 3 cm each; heights without a stated datum may be off by the geoid.
     np.testing.assert_allclose(found.row["sigma_east_m"], 0.021, rtol=0, atol=0.01)  # m
     np.testing.assert_allclose(found.row["sigma_up_m"], 50.0, rtol=0, atol=1.0)  # m
     assert "by GPS alone: height" in found.row["remarks"]
@@ -318,8 +320,8 @@ def test_walls_alone_fix_the_plan_and_leave_the_height_to_gps() -> None:
 
 def test_walls_and_ground_fix_the_height_too() -> None:
     scene = Scene(build_ring(16), ground=True)
-    found = scene.placed(ControlKind.MODEL, model=build_model(ground=True))
-    assert 1e-5 < np.linalg.norm(scene.error_m(found).mean(axis=0)) < 0.05  # m
+    found = scene.georeference(ControlKind.MODEL, model=build_model(ground=True))
+    assert 1e-5 < np.linalg.norm(scene.compute_error_m(found).mean(axis=0)) < 0.05  # m
     assert "not determined by the model" not in found.row["remarks"]
     assert found.row["gps_offset_up_m"] == pytest.approx(2.1, abs=0.7)  # m
 
@@ -327,40 +329,40 @@ def test_walls_and_ground_fix_the_height_too() -> None:
 def test_a_model_of_another_place_is_refused() -> None:
     scene = Scene(build_ring(), bias=np.array([300.0, 0, 0]))
     with pytest.raises(GeoreferenceError, match=r"tie points lie within 4.0 m of the model's visible surface"):
-        scene.placed(ControlKind.MODEL, model=build_model())
+        scene.georeference(ControlKind.MODEL, model=build_model())
     with pytest.raises(GeoreferenceError, match="has no model surface"):
-        scene.placed(ControlKind.MODEL)
+        scene.georeference(ControlKind.MODEL)
 
 
 def test_cameras_on_a_line_need_attitudes() -> None:
     scene = Scene(build_line(), bias=np.zeros(3))
-    found = scene.placed(ControlKind.GPS)
+    found = scene.georeference(ControlKind.GPS)
     assert "nearly collinear" in found.row["remarks"]
     turned = [
         np.degrees(np.linalg.norm(Rotation.from_matrix(found.cameras[i].site_from_cam.rotation @ truth.T).as_rotvec()))
-        for i, (_, truth) in zip(scene.ids(), scene.poses, strict=True)
+        for i, (_, truth) in zip(scene.list_ids(), scene.poses, strict=True)
     ]
     assert 0.05 < np.mean(turned) < 3.5  # deg; yaw was off by 2
     with pytest.raises(GeoreferenceError, match="have no gimbal attitude"):
-        Scene(build_line(), attitude=False).placed(ControlKind.GPS)
+        Scene(build_line(), attitude=False).georeference(ControlKind.GPS)
 
 
 def test_without_gps_the_message_says_what_to_give() -> None:
     scene = Scene(build_ring())
-    photos = scene.photos()
+    photos = scene.build_photos()
     column = pa.array(["none"] * len(photos))
     bare = photos.set_column(photos.schema.get_field_index("prior_source"), photos.schema.field("prior_source"), column)
     with pytest.raises(GeoreferenceError, match=r"0 localised photographs have a GPS position .* control points"):
-        scene.placed(ControlKind.GPS, photos=bare)
+        scene.georeference(ControlKind.GPS, photos=bare)
 
 
 def test_poses_table_says_the_same_as_the_cameras() -> None:
     scene = Scene(build_ring(9))
-    photos = scene.photos()
-    found = scene.placed(ControlKind.GPS, photos=photos)
+    photos = scene.build_photos()
+    found = scene.georeference(ControlKind.GPS, photos=photos)
     rows = {
         row["photo_id"]: row
-        for row in build_poses_table(found, scene.reconstruction(), photos, origin=ORIGIN).to_pylist()
+        for row in build_poses_table(found, scene.build_reconstruction(), photos, origin=ORIGIN).to_pylist()
     }
     assert (rows["lost.jpg"]["pose_source"], rows["lost.jpg"]["reason"]) == ("unlocalised", "too little overlap")
     row, posed = rows["p05.jpg"], found.cameras["p05.jpg"]

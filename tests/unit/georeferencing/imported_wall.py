@@ -1,4 +1,4 @@
-"""A wall that faces south, four cameras before it, and their poses as files say them."""
+"""A wall that faces south, four cameras before it, and their poses in files."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def build_wall() -> Surface:
 
 
 def build_photos(names: list[str] | None = None, **columns: Any) -> pa.Table:
-    """Table ``photos``; ``columns`` go over what every row says."""
+    """Table ``photos``; ``columns`` replace those of every row."""
     return table_from_rows(
         "photos",
         [

@@ -338,7 +338,7 @@ def build_reconstruction(
 def build_marked_points(
     block: SmallBlock, rng: np.random.Generator, *, points: RowIndices, survey_m: float, mark_px: float
 ) -> MarkedPoints:
-    """Tie points surveyed within ``survey_m`` and marked anew within ``mark_px`` wherever they are seen."""
+    """Tie points surveyed within ``survey_m`` and marked again within ``mark_px`` wherever they are seen."""
     seen = np.flatnonzero(np.isin(block.point, points))
     k = len(points)
     return MarkedPoints(

@@ -202,7 +202,7 @@ def build_dense_system(problem: AdjustmentProblem, state: AdjustmentState) -> De
 
 
 def differentiate(function: Callable[[np.ndarray], np.ndarray], size: int) -> np.ndarray:
-    """Central differences (r, size) of a function about nought."""
+    """Central differences (r, size) of a function about zero."""
     step = 1e-6
     return np.column_stack([(function(step * e) - function(-step * e)) / (2 * step) for e in np.eye(size)])
 

@@ -186,7 +186,7 @@ def test_the_shift_along_a_facade_is_found_with_the_height(house: _Scene) -> Non
 
 
 def test_storeys_that_repeat_beyond_every_photograph_are_refused() -> None:
-    """Only the middle of a tall facade is seen: a storey more or less fits as well."""
+    """Only the central part of a tall facade is visible: a storey more or less fits as well."""
     tall: list[Box] = [
         (-30.0, 0.0, -30.0, 60.0, 1.0, 60.0),
         *_build_windows(np.arange(-12.5, 13, 2.5), np.arange(-15, 16, 3.0)),

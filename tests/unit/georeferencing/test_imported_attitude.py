@@ -96,15 +96,15 @@ def test_a_rounded_matrix_becomes_a_rotation() -> None:
 
 
 @pytest.mark.parametrize(
-    ("matrix", "said"),
+    ("matrix", "message"),
     [
         (np.eye(3) * 1.01, "not orthonormal"),
         (np.diag([1.0, 1.0, -1.0]), "reflection"),
         (np.full((3, 3), np.nan), "not finite"),
     ],
 )
-def test_what_is_no_rotation_is_refused(matrix: Array, said: str) -> None:
-    with pytest.raises(InputDataError, match=said):
+def test_an_invalid_rotation_is_refused(matrix: Array, message: str) -> None:
+    with pytest.raises(InputDataError, match=message):
         rotation_from_matrix(matrix, RotationDirection.WORLD_FROM_CAM, CameraAxes.RIGHT_DOWN_FORWARD)
     with pytest.raises(InputDataError, match="length is 2"):
         rotation_from_quaternion(

@@ -136,23 +136,23 @@ def test_a_reduced_photograph_has_its_lens_scaled(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("values", "said"),
+    ("values", "message"),
     [
         ("1,2,three,1,0,0,0", "column z: 'three' is not a number"),
         ("1,2,nan,1,0,0,0", "not finite"),
         ("1,2,3,0,0,0,7", "quaternion's length is 7"),
     ],
 )
-def test_a_bad_line_is_one_photograph_the_less(tmp_path: Path, values: str, said: str) -> None:
+def test_a_bad_line_makes_its_photograph_unusable(tmp_path: Path, values: str, message: str) -> None:
     columns = f"image,x,y,z,qw,qx,qy,qz,{LENS_COLUMNS}"
     path = write(tmp_path / "p.csv", f"{columns}\na.jpg,{values},{LENS}\nb.jpg,1,2,3,1,0,0,0,{LENS}\n")
     found = read_poses_csv(path)
     assert [pose.image for pose in found.poses] == ["b.jpg"]
-    assert found.unusable[0].image == "a.jpg" and said in found.unusable[0].reason
+    assert found.unusable[0].image == "a.jpg" and message in found.unusable[0].reason
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("# rotatoin: cam_from_world\nimage\n", "did you mean 'rotation'"),
         (
@@ -169,8 +169,8 @@ def test_a_bad_line_is_one_photograph_the_less(tmp_path: Path, values: str, said
         ),
     ],
 )
-def test_a_head_that_cannot_be_right_is_refused(tmp_path: Path, text: str, said: str) -> None:
-    with pytest.raises(InputDataError, match=said):
+def test_a_contradictory_header_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InputDataError, match=message):
         read_poses_csv(write(tmp_path / "poses.csv", text))
 
 

@@ -38,7 +38,7 @@ def test_every_photograph_has_its_pose(tmp_path: Path) -> None:
     assert sorted(cameras) == NAMES and found.localised == 4
     for name, centre in zip(NAMES, CENTRES, strict=True):
         np.testing.assert_allclose(cameras[name].centre_site_m, centre, rtol=0, atol=1e-4)  # m
-        # The wall's foot straight ahead: 14 to 15.5 m away, below the middle by hand.
+        # The wall's foot straight ahead: 14 to 15.5 m away, below the principal point, by hand.
         x, y = cameras[name].project_site(np.array([[centre[0], 0.0, 0.0]]))[0]
         expected = (2010.5, 1490.5 + 2810 * centre[2] / -centre[1])
         assert (x, y) == pytest.approx(expected, rel=0, abs=0.05)  # px: 1e-4 m at 15 m
@@ -110,21 +110,21 @@ def test_a_convention_by_which_nothing_is_seen(tmp_path: Path, head: str, turn: 
         place(write_geo_csv(tmp_path, head=head, turn=turn))
 
 
-def test_rotations_against_the_photographs_own_word(tmp_path: Path) -> None:
+def test_rotations_that_contradict_the_metadata_are_refused(tmp_path: Path) -> None:
     """A gimbal that looks north 6 degrees beside the poses is taken; one that is on its side against them is not."""
-    said = {
+    priors = {
         "prior_source": "xmp",
         "prior_pitch_deg": 0.0,
         "prior_yaw_deg": 6.0,
         "prior_lon_deg": 8.4,
         "prior_lat_deg": 48.9,
     }
-    assert place(write_geo_csv(tmp_path), build_photos(**said, prior_roll_deg=0.0)).localised == 4
+    assert place(write_geo_csv(tmp_path), build_photos(**priors, prior_roll_deg=0.0)).localised == 4
     with pytest.raises(GeoreferenceError, match=r"rotated by 90 deg \(median, limit 45 deg\)"):
-        place(write_geo_csv(tmp_path), build_photos(**said, prior_roll_deg=90.0))
+        place(write_geo_csv(tmp_path), build_photos(**priors, prior_roll_deg=90.0))
     upside_down = write_geo_csv(tmp_path, head="# rotation: cam_from_world\n")
     with pytest.raises(GeoreferenceError, match=r"with the other value of rotation .*4 would"):
-        place(upside_down, build_photos(**said, prior_roll_deg=0.0))
+        place(upside_down, build_photos(**priors, prior_roll_deg=0.0))
 
 
 def mark_points(points_m: dict[str, np.ndarray]) -> SurveyedPoints:
@@ -132,13 +132,13 @@ def mark_points(points_m: dict[str, np.ndarray]) -> SurveyedPoints:
     surveyed = []
     for name, (x, y, z) in points_m.items():
         east, north, height = ORIGIN.map_from_site(np.array([[x, y, z]]), "EPSG:25832")[0]
-        sightings = tuple(
+        marks = tuple(
             ImageMark(
                 photo_name=photo, x_px=2010.5 + 2800 * (x - cx) / (y - cy), y_px=1490.5 - 2810 * (z - cz) / (y - cy)
             )
             for photo, (cx, cy, cz) in zip(NAMES, CENTRES, strict=True)
         )
-        surveyed.append(SurveyedPoint(name=name, x=east, y=north, z=height, marks=sightings))
+        surveyed.append(SurveyedPoint(name=name, x=east, y=north, z=height, marks=marks))
     return SurveyedPoints(source="gcp_list.txt", crs="EPSG:25832", points=tuple(surveyed))
 
 

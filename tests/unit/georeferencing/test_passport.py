@@ -1,4 +1,4 @@
-"""The passport: refused where a campaign is not known well enough, and what the model says of the block's bending."""
+"""The passport: a campaign that is not accurate enough is refused; doming against the model."""
 
 from collections.abc import Callable
 from dataclasses import replace

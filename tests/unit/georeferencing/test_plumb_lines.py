@@ -1,4 +1,4 @@
-"""Upright lines in drawn photographs, and what they make of a block that walls hold aslant."""
+"""Plumb lines in drawn photographs, and the correction of a leaning block by them."""
 
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -96,7 +96,7 @@ def test_photographs_without_upright_lines_or_that_cannot_be_read_are_passed_ove
 
 
 def _build_wall_block(lean_rad: Float64Array) -> tuple[AdjustedBlock, Float64Array]:
-    """A block of a plumb wall that was turned by ``-lean_rad`` about the wall's middle, and where its cameras were."""
+    """A block of a plumb wall that was turned by ``-lean_rad`` about the wall's centre, and where its cameras were."""
     rng = np.random.default_rng(1)
     wall = np.column_stack([rng.uniform(-10, 10, 4000), np.zeros(4000), rng.uniform(0, 12, 4000)])
     centre = np.column_stack([np.linspace(-8, 8, 5), np.full(5, -15.0), np.full(5, 2.0)])
@@ -132,7 +132,9 @@ def test_a_block_that_leans_with_its_walls_is_set_upright_as_far_as_the_lines_kn
     unsure = estimate_lean(
         adjusted, 0.03, VerticalDirection(up_site=up, sigma_rad=0.03 / 5.76, lines=900, photographs=9)
     )
-    np.testing.assert_allclose(unsure.rotation_rad, lean_rad / 2, rtol=0, atol=2e-5)  # rad: both words weigh the same
+    np.testing.assert_allclose(
+        unsure.rotation_rad, lean_rad / 2, rtol=0, atol=2e-5
+    )  # rad: both observations have the same weight
     assert unsure.sigma_rad == pytest.approx(0.03 / 5.76 / np.sqrt(2), rel=0.02)
 
 

@@ -1,4 +1,4 @@
-"""The reference: which points it keeps, what it knows of them, and that its file comes back whole or not at all."""
+"""The reference: its selection of points, its accuracy, and that its file is read complete or not at all."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -95,7 +95,7 @@ def test_descriptors_of_another_reconstruction_are_refused(placed: Campaign) -> 
         build_own_reference(replace(placed, descriptors=placed.descriptors[:-1]))
 
 
-def test_the_covariance_is_that_of_repeated_sightings(placed: Campaign) -> None:
+def test_the_covariance_is_that_of_repeated_marks(placed: Campaign) -> None:
     """Independent path: mark one point 80 times with noise, intersect, and look at the scatter."""
     row = int(np.flatnonzero(np.bincount(placed.reconstruction.image_point_tie_point) == 3)[0])
     rng, found = np.random.default_rng(9), []
@@ -115,18 +115,18 @@ def test_the_covariance_is_that_of_repeated_sightings(placed: Campaign) -> None:
         assert point is not None
         found.append(point.xyz_world)
     scatter = np.linalg.eigvalsh(np.cov(np.array(found).T))
-    said = compute_tie_point_covariance(placed.reconstruction, placed.cameras, placed.xyz_true_m, sigma_px=NOISE_PX)[
+    stated = compute_tie_point_covariance(placed.reconstruction, placed.cameras, placed.xyz_true_m, sigma_px=NOISE_PX)[
         row
     ]
-    assert (np.sqrt(np.linalg.eigvalsh(said) / scatter) > 0.75).all()  # of a sigma; 80 draws tell it to 8 %
-    assert (np.sqrt(np.linalg.eigvalsh(said) / scatter) < 1.3).all()
+    assert (np.sqrt(np.linalg.eigvalsh(stated) / scatter) > 0.75).all()  # of a sigma; 80 draws determine it to 8 %
+    assert (np.sqrt(np.linalg.eigvalsh(stated) / scatter) < 1.3).all()
     assert estimate_pixel_sigma(placed.reconstruction) == pytest.approx(NOISE_PX, abs=1e-6)  # px
 
 
-def test_a_point_nobody_saw_has_no_covariance(placed: Campaign) -> None:
+def test_a_point_in_one_photograph_has_no_covariance(placed: Campaign) -> None:
     one = replace(placed.reconstruction, image_point_photo=np.zeros(1, int), image_point_tie_point=np.zeros(1, int))
-    said = compute_tie_point_covariance(one, placed.cameras, placed.xyz_true_m, sigma_px=NOISE_PX)
-    assert np.isnan(said).all()  # one photograph leaves the distance open, none leaves everything open
+    stated = compute_tie_point_covariance(one, placed.cameras, placed.xyz_true_m, sigma_px=NOISE_PX)
+    assert np.isnan(stated).all()  # one photograph leaves the distance open, none leaves everything open
     assert describe_tie_point_views(one, placed.cameras, placed.xyz_true_m).photographs.sum() == 1
 
 

@@ -1,4 +1,4 @@
-"""What tells the same surface from one that looks like it, and that a bent block is not taken for the latter."""
+"""The same surface is distinguished from a similar one, and a bent block is not taken for the latter."""
 
 from dataclasses import replace
 
@@ -87,7 +87,7 @@ def test_bending_is_taken_out_and_scatter_is_left() -> None:
     np.testing.assert_allclose(left[~wrong], scatter[~wrong], rtol=0, atol=0.004)  # m
     assert 0.95 < compute_misfit(compute_chi_square(left[~wrong], covariance[~wrong])) < 1.05
     assert compute_misfit(compute_chi_square(residual, covariance)) > 3
-    few = xyz[:, 0] < 4  # 4 x 9 m: too small a part to tell a bending from what single windows are off by
+    few = xyz[:, 0] < 4  # 4 x 9 m: too small a part to separate bending from the offsets of single windows
     np.testing.assert_array_equal(remove_bending(xyz[few], residual[few], covariance[few]), residual[few])
 
 

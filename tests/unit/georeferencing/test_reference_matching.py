@@ -83,7 +83,7 @@ def test_cameras_stand_where_they_stood_to_millimetres(earlier: Campaign, share:
 
 
 def test_the_covariances_hold_the_residuals(earlier: Campaign) -> None:
-    """Other light moves every feature by half a pixel; the prior's covariance and the later point's own say so."""
+    """Other light moves every feature by half a pixel; the prior's covariance and the later point's contain it."""
     points, rng = build_true_reference(earlier), np.random.default_rng(6)
     moved = earlier.xyz_true_m + rng.normal(size=(POINTS, 3)) * 0.5 * np.median(points.gsd_m)
     later = build_campaign(moved, change_light(earlier.descriptors, rng), draw_similarity(6), rng)

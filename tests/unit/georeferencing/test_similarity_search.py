@@ -25,8 +25,8 @@ def test_mutual_pairs_are_those_of_brute_force(monkeypatch: pytest.MonkeyPatch) 
     found = match_descriptors(a, b, max_ratio=0.9)
     assert dict.fromkeys(zip(found.a.tolist(), found.b.tolist(), strict=True)).keys() == expected.keys()
     assert 150 < len(found) <= 180
-    said = [expected[pair] for pair in zip(found.a.tolist(), found.b.tolist(), strict=True)]
-    np.testing.assert_allclose(found.ratio, said, rtol=0, atol=1e-3)
+    ratios = [expected[pair] for pair in zip(found.a.tolist(), found.b.tolist(), strict=True)]
+    np.testing.assert_allclose(found.ratio, ratios, rtol=0, atol=1e-3)
     assert (np.diff(found.ratio) >= 0).all()
 
 

@@ -1,4 +1,4 @@
-"""Points from marks: exact, with a wrong mark, and where the rays say too little."""
+"""Intersection of marks: exact, with a wrong mark, and with rays at too small an angle."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation

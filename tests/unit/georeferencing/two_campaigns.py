@@ -70,9 +70,9 @@ def build_campaign(
     *,
     noise_px: float = NOISE_PX,
 ) -> Campaign:
-    """A block that sees ``xyz_m`` (n, 3) from the ring: its tie points lie where noisy sightings put them.
+    """A block that sees ``xyz_m`` (n, 3) from the ring: its tie points are determined by noisy image points.
 
-    The scatter of a point is drawn from the normal equations of its sightings, written here anew.
+    The scatter of a point is drawn from the normal equations of its image points, written here independently.
     """
     poses, sfm_from_site = build_poses(), site_from_sfm.invert()
     information = np.zeros((len(xyz_m), 3, 3))
