@@ -275,7 +275,7 @@ def add_walls(
     wall_deviation_m: Float64Array,
     wall_sigma_m: float,
 ) -> AdjustmentProblem:
-    """Every tie point lies on its plane of the model, which stands off the building by ``wall_deviation_m`` (5,) and relief."""
+    """Every tie point lies on its plane of the model, which deviates by ``wall_deviation_m`` (5,) and relief."""
     m = len(block.xyz_m)
     return replace(
         problem,

@@ -132,9 +132,7 @@ def test_a_block_that_leans_with_its_walls_is_set_upright_as_far_as_the_lines_kn
     unsure = estimate_lean(
         adjusted, 0.03, VerticalDirection(up_site=up, sigma_rad=0.03 / 5.76, lines=900, photographs=9)
     )
-    np.testing.assert_allclose(
-        unsure.rotation_rad, lean_rad / 2, rtol=0, atol=2e-5
-    )  # rad: both observations have the same weight
+    np.testing.assert_allclose(unsure.rotation_rad, lean_rad / 2, rtol=0, atol=2e-5)  # rad: equal weights
     assert unsure.sigma_rad == pytest.approx(0.03 / 5.76 / np.sqrt(2), rel=0.02)
 
 

@@ -8,7 +8,13 @@ import pytest
 
 from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.georeferencing.campaign.reference import ReferencePoints, read_reference
+from facadelake.georeferencing.campaign.reference import (
+    ReferencePoints,
+    drop_reference,
+    list_earlier_references,
+    read_reference,
+    store_reference,
+)
 from facadelake.georeferencing.campaign.reference_selection import build_reference, choose_spread_points
 from facadelake.georeferencing.triangulation import ImageRay, intersect_rays
 from facadelake.sfm.tie_point_covariance import (
@@ -176,3 +182,15 @@ def test_about_another_origin_it_is_the_same_place_on_the_globe(placed: Campaign
     axes = other.ecef_from_site().rotation.T @ ORIGIN.ecef_from_site().rotation
     np.testing.assert_allclose(there.covariance_m2[7], axes @ points.covariance_m2[7] @ axes.T, rtol=0, atol=1e-12)
     assert points.transform_to(ORIGIN) is points
+
+
+def test_a_campaign_committed_again_without_a_reference_loses_the_old_one(tmp_path: Path) -> None:
+    written = tmp_path / "written.npz"
+    for campaign in ("2025-04", "2026-04"):
+        written.write_bytes(campaign.encode())
+        store_reference(written, tmp_path, "town-hall", campaign)
+    assert [path.stem for path in list_earlier_references(tmp_path, "town-hall", "2026-10")] == ["2025-04", "2026-04"]
+    drop_reference(tmp_path, "town-hall", "2026-04")
+    drop_reference(tmp_path, "town-hall", "2026-04")  # no file: no error
+    left = list_earlier_references(tmp_path, "town-hall", "2026-10")
+    assert [(path.stem, path.read_bytes()) for path in left] == [("2025-04", b"2025-04")]

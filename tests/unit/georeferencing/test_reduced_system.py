@@ -103,7 +103,7 @@ def build_complete_problem() -> AdjustmentProblem:
 
 @dataclass(frozen=True)
 class Group:
-    """Whitened residuals (k, d), scale of Cauchy's loss (None: not robust); ``share`` divides their square within it."""
+    """Whitened residuals (k, d), scale of Cauchy's loss (None: not robust); ``share`` divides their square in it."""
 
     residual: np.ndarray
     loss_scale: np.ndarray | float | None
