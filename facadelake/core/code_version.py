@@ -92,31 +92,59 @@ def _collect_closure(module: str, root: Path) -> _Closure:
     return closure
 
 
+@dataclass(frozen=True, kw_only=True)
+class _References:
+    """What a module refers to: modules, names of modules, source files, and strings that may name a module."""
+
+    modules: tuple[str, ...]
+    names: tuple[tuple[str, str], ...]
+    sources: tuple[str, ...]
+    strings: tuple[str, ...]
+
+
 def _find_dependencies(path: Path, root: Path) -> Iterator[Path | str]:
     """Files of the checkout that a module uses, and top-level names of other packages that it imports."""
-    tree = ast.parse(path.read_bytes(), filename=str(path))
+    references = _read_references(path, hash_file(path))
     yield from _find_packages_above(path, root)
-    for node in _walk_executed_nodes(tree):
+    for module in references.modules:
+        yield from _resolve_module(module, root)
+    for module, name in references.names:
+        yield from _resolve_name(module, name, root)
+    for relative in references.sources:
+        yield from _list_files(root / relative)
+    for text in references.strings:
+        found = _find_module_file(text, root)
+        if found is not None:
+            yield found
+            main = found.with_name("__main__.py")
+            if found.name == "__init__.py" and main.is_file():
+                yield main
+
+
+@cache
+def _read_references(path: Path, sha256: str) -> _References:
+    """The references of a module whose content has this hash: many stages share a module, which is parsed once."""
+    modules: list[str] = []
+    names: list[tuple[str, str]] = []
+    sources: list[str] = []
+    strings: list[str] = []
+    for node in _walk_executed_nodes(ast.parse(path.read_bytes(), filename=str(path))):
         match node:
-            case ast.Import(names=names):
-                for alias in names:
-                    yield from _resolve_module(alias.name, root)
-            case ast.ImportFrom(module=str(name), names=names, level=0):
-                for alias in names:
-                    yield from _resolve_name(name, alias.name, root)
+            case ast.Import(names=aliases):
+                modules += [alias.name for alias in aliases]
+            case ast.ImportFrom(module=str(module), names=aliases, level=0):
+                names += [(module, alias.name) for alias in aliases]
             case ast.ImportFrom():
                 raise ValueError(f"{path}: relative imports are not followed; write the full name of the module")
             case ast.Call(func=ast.Name(id=name), args=[ast.Constant(value=str(relative))]) if name == _LOCATE_SOURCE:
-                yield from _list_files(root / relative)
+                sources.append(relative)
             case ast.Call(func=ast.Name(id=name)) if name == _LOCATE_SOURCE:
                 raise ValueError(
                     f"{path}:{node.lineno}: locate_source takes a literal, so that the cache's keys cover it"
                 )
-            case ast.Constant(value=str(text)) if "." in text and (found := _find_module_file(text, root)):
-                yield found
-                main = found.with_name("__main__.py")
-                if found.name == "__init__.py" and main.is_file():
-                    yield main
+            case ast.Constant(value=str(text)) if "." in text and all(part.isidentifier() for part in text.split(".")):
+                strings.append(text)
+    return _References(modules=tuple(modules), names=tuple(names), sources=tuple(sources), strings=tuple(strings))
 
 
 def _walk_executed_nodes(tree: ast.AST) -> Iterator[ast.AST]:

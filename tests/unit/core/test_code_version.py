@@ -160,13 +160,18 @@ def test_a_new_file_of_a_folder_that_code_reads_counts(copied: Path, before: dic
     ],
 )
 def test_versions_of_the_computing_libraries_count(
-    library: str, stages: list[str], others: list[str], before: dict[str, str], monkeypatch: pytest.MonkeyPatch
+    library: str,
+    stages: list[str],
+    others: list[str],
+    copied: Path,
+    before: dict[str, str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     version = metadata.version
     monkeypatch.setattr(
         metadata, "version", lambda name: "99" if name.lower().replace("_", "-") == library else version(name)
     )
-    after = {stage: sha256(stage, CHECKOUT) for stage in {*stages, *others}}
+    after = {stage: sha256(stage, copied) for stage in {*stages, *others}}
     assert [stage for stage in stages if after[stage] == before[stage]] == []
     assert [stage for stage in others if after[stage] != before[stage]] == []
 
