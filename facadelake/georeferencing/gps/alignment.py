@@ -23,11 +23,10 @@ _MAX_ROTATION_SIGMA_DEG = 12.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GpsAlignment:
-    """``site_from_sfm``, the priors used (n,), residuals ``prior - camera centre`` (n, 3) in metres, and remarks."""
+    """``site_from_sfm``, the priors used (n,), and remarks."""
 
     site_from_sfm: Similarity
     used: BoolArray
-    residual_m: Float64Nx3
     remarks: tuple[str, ...]
 
 
@@ -70,7 +69,6 @@ def align_to_gps(reconstruction: Reconstruction, priors: GpsPriors) -> GpsAlignm
     return GpsAlignment(
         site_from_sfm=site_from_sfm,
         used=used,
-        residual_m=priors.xyz_site_m - site_from_sfm.apply(centres),
         remarks=tuple(remarks),
     )
 

@@ -63,15 +63,13 @@ class ModelAlignment:
     """The aligned block.
 
     ``residual_m``: point-to-plane distances (k,) of the points used, of ``points_total``. ``shifts``: observability of
-    three orthogonal directions of shift. ``gps_bias_m`` (3,): estimated common error of the GPS priors (0 along
-    directions that the surface does not observe).
+    three orthogonal directions of shift.
     """
 
     site_from_sfm: Similarity
     residual_m: Float64N
     points_total: int
     shifts: tuple[ShiftObservability, ...]
-    gps_bias_m: Float64x3
     remarks: tuple[str, ...]
 
 
@@ -137,7 +135,6 @@ def align_to_model(
         residual_m=np.abs(_compute_point_to_plane(site_from_sfm, pairs)),
         points_total=len(points),
         shifts=shifts,
-        gps_bias_m=parameters[7:],
         remarks=_build_remarks(shifts, priors),
     )
 

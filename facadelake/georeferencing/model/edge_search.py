@@ -51,16 +51,14 @@ class EdgeShift:
     """The shift found by the edges.
 
     ``shift_site_m`` (3,) is to be added to the cameras' centres; ``sigma_m``: one sigma along the free directions.
-    ``score`` (0 to 1): fit of the edges; ``edge_score_runner_up``: the best score elsewhere, at
-    ``competing_shift_site_m`` (3,); ``gap_sigmas``: their difference in standard errors over the building's features.
-    ``features``: number of visible features.
+    ``score`` (0 to 1): fit of the edges; ``edge_score_runner_up``: the best score elsewhere; ``gap_sigmas``: their
+    difference in standard errors over the building's features. ``features``: number of visible features.
     """
 
     shift_site_m: Float64x3
     sigma_m: float
     score: float
     edge_score_runner_up: float
-    competing_shift_site_m: Float64x3
     gap_sigmas: float
     features: int
 
@@ -140,7 +138,6 @@ def search_shift(
         sigma_m=sigma,
         score=best.score,
         edge_score_runner_up=rival.score,
-        competing_shift_site_m=rival.shift @ free_directions,
         gap_sigmas=gap,
         features=features,
     )
