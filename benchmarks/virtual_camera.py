@@ -2,7 +2,7 @@
 
     .venv/bin/python -m benchmarks.virtual_camera castle 2026-04 --lake lake
 
-Both are measured in one run, on the registry's model and the committed poses and detections of a campaign. The
+Both are measured in one run, on the portfolio's model and the committed poses and detections of a campaign. The
 photograph's camera is kept, its pixels are made 8000 x 6000. Prints Markdown: wall time, and processor time (all
 threads and children) for machines that do other work too; the median of several runs where one is short.
 """

@@ -64,7 +64,7 @@ def inspect(
     ] = ControlOption.AUTO,
     detections: Annotated[
         str | None,
-        typer.Option(help="Instead of the registry's detections: the name of one of its alternatives, or a COCO file."),
+        typer.Option(help="Other detections than the portfolio's: one of its alternatives by name, or a COCO file."),
     ] = None,
     poses: Annotated[
         Path | None,

@@ -25,7 +25,7 @@ from schemas.vocabulary import (
 
 _ALL = [
     # keys
-    text("building_id", "the building, as in the registry"),
+    text("building_id", "the building, as in the portfolio"),
     text("campaign_id", "one inspection of the building, such as 2026-04"),
     text("run_id", "the run that made the row; of a review, the run whose detections were reviewed"),
     text("photo_id", "path of the photograph below the campaign's folder, with forward slashes"),
@@ -40,7 +40,7 @@ _ALL = [
     text("vertical_datum", "vertical datum of the model's heights, as stated by the model or the portfolio"),
     text(
         "georeference_level",
-        "LoGeoRef level of the model's georeference (50: map conversion), or 'registry' for the portfolio's",
+        "LoGeoRef level of the model's georeference (50: map conversion), or 'registry'",
     ),
     text("surface_kind", "source of the building's surface", SurfaceKind),
     text("georeference_remarks", "assumptions made to place the model"),
@@ -151,9 +151,7 @@ _ALL = [
     real("check_residual_mean_m", "m", "mean distance of check and held-out points from their surveyed positions", 0),
     real("check_residual_max_m", "m", "largest of these distances", 0),
     real("tie_sigma_px", "px", "one sigma of an image point, each coordinate", 0),
-    real(
-        "tie_variance_factor", "", "factor by which the tie points' variance was raised: their errors hang together", 1
-    ),
+    real("tie_variance_factor", "", "factor on the variance of image points for the correlation of their errors", 1),
     real("model_residual_m", "m", "median distance of tie points from the model's surface they were observed on", 0),
     real("doming_m", "m", "doming of the block against the model, as the sagitta of its centre over its rim"),
     real("doming_sigma_m", "m", "one sigma of the doming", 0),

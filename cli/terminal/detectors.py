@@ -106,7 +106,7 @@ def _show_figures(console: Console, figures: DetectorFigures) -> None:
 def _show_image_level(console: Console, figures: ImageLevelFigures) -> None:
     _print_table(
         console,
-        f"{figures.detector.name} ({figures.detector.sha256[:12]}) on whole photographs of {figures.name}; without defect: "
+        f"{figures.detector.name} ({figures.detector.sha256[:12]}) on whole photographs of {figures.name}; without: "
         + ", ".join(figures.sound_folders),
         ("class", "with defect", "without", "AUROC", "95 %", "average precision", "recall", "false alarm share"),
         [

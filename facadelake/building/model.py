@@ -48,7 +48,7 @@ class BuildingModel:
     table of kind ``elements``. ``vertical_datum`` is "ellipsoidal" or an EPSG code; ``georeference_level`` is the
     LoGeoRef level or "registry". ``remarks`` lists the assumptions made, empty if none. ``storeys`` are sorted by
     level. ``surface_sigma_m`` is the standard deviation of the surface from the real building where it was estimated
-    with the surface; None means that the registry's tolerance applies.
+    with the surface; None means that the portfolio's tolerance applies.
     """
 
     origin: SiteOrigin

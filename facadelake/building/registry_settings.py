@@ -1,4 +1,4 @@
-"""Read the building model that the registry names, with settings converted from the registry's records."""
+"""Read the building model that the portfolio names, with settings converted from the portfolio's records."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def read_registered_model(building: Building) -> BuildingModel:
 
 
 def ifc_settings_from_registry(building: Building) -> IfcModelSettings:
-    """Convert the registry's statements about an IFC model to settings of its loader."""
+    """Convert the portfolio's statements about an IFC model to settings of its loader."""
     crs = building.crs
     return IfcModelSettings(
         placement=_placement_from_registry(building),
@@ -38,7 +38,7 @@ def ifc_settings_from_registry(building: Building) -> IfcModelSettings:
 
 
 def mesh_settings_from_registry(building: Building) -> MeshModelSettings:
-    """Convert the registry's statements about a mesh, or a building without a model, to settings of its loader."""
+    """Convert the portfolio's statements about a mesh, or a building without a model, to settings of its loader."""
     crs = building.crs
     return MeshModelSettings(
         map_crs=crs.map,

@@ -13,7 +13,7 @@ _OVERLAP_LIMIT_M = 1.0  # an element that extends farther beyond its storey belo
 
 @dataclass(frozen=True, kw_only=True)
 class StoreyElevation:
-    """A storey of the registry and the height of its floor in the building's vertical datum, metres."""
+    """A storey of the portfolio and the height of its floor in the building's vertical datum, metres."""
 
     name: str
     floor_m: float

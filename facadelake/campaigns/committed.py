@@ -1,4 +1,4 @@
-"""Tables of a committed campaign, and the registry's model, checked against the one it was committed with."""
+"""Tables of a committed campaign, and the portfolio's model, checked against the one it was committed with."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def read_committed_tables(
 
 
 def read_committed_model(building: Building, campaign_id: str, committed: Mapping[str, Any]) -> BuildingModel:
-    """The registry's model; its origin must be that of ``committed``, the campaign's row of table ``buildings``.
+    """The portfolio's model; its origin must be that of ``committed``, the campaign's row of table ``buildings``.
 
     Raises InputDataError where it is not, or where the building has no model.
     """
@@ -69,7 +69,7 @@ def read_committed_model(building: Building, campaign_id: str, committed: Mappin
         raise InputDataError(
             f"the origin of the model {path} is {distance_m:.3f} m from that of the model with which {building.id} "
             f"{campaign_id} was committed (limit {_ORIGIN_DISTANCE_MAX_M} m); inspect the campaign again, or name the "
-            "earlier model in the registry"
+            "earlier model in the portfolio"
         )
     if hash_file(path) != committed["model_sha256"]:
         log.warning(

@@ -29,7 +29,7 @@ def resolve_campaign(building: Building, campaign_id: str) -> str:
 
 
 def choose_poses(building: Building, campaign_id: str, georeference: str, poses: str | None) -> Path | None:
-    """The poses to import: the option's, otherwise the registry's unless a control is named; None: reconstruct them.
+    """The poses to import: the option's, otherwise the portfolio's unless a control is named; None: reconstruct them.
 
     Args:
         building: the registered building.
@@ -70,13 +70,13 @@ def check_control(building: Building, campaign_id: str, georeference: str, poses
     if georeference == ControlKind.MODEL:
         raise InputDataError(
             f"building '{building.id}' has no model (model: as-built), so --georeference model is not possible; "
-            "use gcp, campaign or gps, or name a model in the registry"
+            "use gcp, campaign or gps, or name a model in the portfolio"
         )
     if choose_poses(building, campaign_id, georeference, poses) is not None:
         raise InputDataError(
             f"building '{building.id}' has no model (model: as-built): its surface is made of tie points, which "
             "imported poses do not have; reconstruct the poses (--georeference gcp, campaign or gps), or name a mesh "
-            "in the registry"
+            "in the portfolio"
         )
 
 
@@ -97,7 +97,7 @@ def check_files(building: Building, campaign_id: str, detections: str | None) ->
         load_configured_detector(building.detector)  # an unusable model is reported before the hours of work
     if building.control_points is not None and building.locate_control_points(campaign_id) is None:
         path = building.control_points.replace("{campaign}", campaign_id)
-        return (f"the registry names control points, but {path} does not exist; the control is GPS",)
+        return (f"the portfolio names control points, but {path} does not exist; the control is GPS",)
     return ()
 
 
@@ -125,7 +125,7 @@ def plan_inspection(
         building: the registered building.
         campaign_id: its campaign; 'latest' is the newest with photographs.
         georeference: a control, or 'auto'.
-        detections: other detections than the registry's: the name of an alternative, or a COCO file.
+        detections: other detections than the portfolio's: the name of an alternative, or a COCO file.
         poses: a file or folder of poses of another program.
 
     Raises:

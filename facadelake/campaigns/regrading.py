@@ -12,7 +12,7 @@ from facadelake.severity import find_rule_file
 
 
 def find_registered_rules(portfolio: Path, building_id: str) -> str | None:
-    """The rule pack that the registry names for a building; None where the building is not registered."""
+    """The rule pack that the portfolio names for a building; None where the building is not registered."""
     if not portfolio.exists():
         return None
     known = {building.id: building.severity_rules for building in read_portfolio(portfolio).buildings}
@@ -20,9 +20,9 @@ def find_registered_rules(portfolio: Path, building_id: str) -> str | None:
 
 
 def describe_replaced_regrading(building: Building, campaign_id: str, rules: str) -> str:
-    """Notice that a new inspection replaced a regrading by the registry's rule pack."""
+    """Notice that a new inspection replaced a regrading by the portfolio's rule pack."""
     return (
-        f"the previous version was regraded by {rules}, this one is graded by the registry's {building.severity_rules}"
+        f"the previous version was regraded by {rules}, this one is graded by the portfolio's {building.severity_rules}"
         f"; to grade it by {rules}: facadelake regrade {building.id} {campaign_id} --rules {rules}"
     )
 

@@ -8,7 +8,7 @@ class FacadelakeError(Exception):
 
 
 class InputDataError(FacadelakeError):
-    """A photograph, table, registry or setting of the user cannot be used."""
+    """A photograph, table, portfolio or setting of the user cannot be used."""
 
 
 class GeoreferenceError(FacadelakeError):

@@ -1,4 +1,4 @@
-"""The detector that a building's registry entry configures."""
+"""The detector that a building's portfolio entry configures."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def hash_configured_detector(setting: OnnxDetectorSetting) -> str:
 
 
 def count_threads(setting: OnnxDetectorSetting) -> int:
-    """The registry's number of threads, else one per core that this process may use."""
+    """The portfolio's number of threads, else one per core that this process may use."""
     return setting.threads or len(os.sched_getaffinity(0))
 
 

@@ -34,8 +34,8 @@ _HEADER = "# Which detector 'model: default' means: the last entry. Written by '
 class Promotion(BaseModel):
     """A model that became the default.
 
-    ``file`` lies in the registry's folder; ``replaces`` is the SHA-256 of the previous default; ``evidence`` is the
-    reason for the promotion, as text.
+    ``file`` lies in the model registry's folder; ``replaces`` is the SHA-256 of the previous default; ``evidence`` is
+    the reason for the promotion, as text.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -71,7 +71,7 @@ def find_default_model(folder: Path = MODELS_FOLDER) -> Path:
     if not path.is_file():
         raise ModelError(
             f"the default detector {path} does not exist; restore it, promote another with 'facadelake promote-model', "
-            "or name a model's file in the registry"
+            "or name a model's file in the portfolio"
         )
     if known and hash_file(path) != known[-1].sha256:
         raise ModelError(
@@ -84,7 +84,7 @@ def find_default_model(folder: Path = MODELS_FOLDER) -> Path:
 def add_promotion(
     model: Path, *, by: str, why: str, evidence: str, replaces: str | None, folder: Path = MODELS_FOLDER
 ) -> Promotion:
-    """Copy a model and its card to the registry as ``<card's name>-<hash>.onnx`` and make it the default.
+    """Copy a model and its card to the model registry as ``<card's name>-<hash>.onnx`` and make it the default.
 
     The caller has decided that the model may replace the default. Promoting the current default again changes nothing.
 
@@ -94,7 +94,7 @@ def add_promotion(
         why: The reason.
         evidence: The comparison that supports the promotion, as text.
         replaces: SHA-256 of the default that the model was compared with; None: there was no usable default.
-        folder: Folder of the registry.
+        folder: Folder of the model registry.
 
     Returns:
         The new entry, or the existing one of the current default.

@@ -61,7 +61,7 @@ class RegistrationSettings:
 
 
 def resolve_registration_settings(building: Building) -> RegistrationSettings:
-    """The settings for a registered building, from the registry's tolerances.
+    """The settings for a registered building, from the portfolio's tolerances.
 
     A building without a model is registered on its as-built surface, which lowers the limit of the incidence.
     """

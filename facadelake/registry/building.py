@@ -1,4 +1,4 @@
-"""One building of the registry, and the files of its campaigns."""
+"""One building of the portfolio, and the files of its campaigns."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CAMPAIGN = "{campaign}"
 
 
 class Building(StrictModel):
-    """One building of the registry; ``{campaign}`` in a path is replaced by the campaign id.
+    """One building of the portfolio; ``{campaign}`` in a path is replaced by the campaign id.
 
     ``model`` is an IFC, a mesh, or the keyword ``as-built`` for the as-built surface of the campaign where there is no
     model. ``model_building`` is the name of the IfcBuilding to use of an IFC with several. ``storeys`` are for models
@@ -75,7 +75,7 @@ class Building(StrictModel):
         return infer_surface_kind(self.model)
 
     def list_campaigns(self) -> tuple[str, ...]:
-        """The campaigns of the registry, else those whose folder of photographs exists, in the order of their ids."""
+        """The campaigns of the portfolio, else those whose folder of photographs exists, in the order of their ids."""
         if self.campaigns:
             return tuple(sorted(self.campaigns))
         before, after = self.photographs.split(CAMPAIGN, 1)
@@ -122,7 +122,7 @@ class Building(StrictModel):
         return _find_file(self.check_points, campaign_id)
 
     def locate_poses(self, campaign_id: str, choice: str | None) -> Path | None:
-        """The file or folder of poses to import: ``choice``, else that of the registry; None: there is none.
+        """The file or folder of poses to import: ``choice``, else that of the portfolio; None: there is none.
 
         Raises InputDataError where it does not exist.
         """
@@ -133,12 +133,12 @@ class Building(StrictModel):
         if not path.exists():
             raise InputDataError(
                 f"the poses {path} of building '{self.id}', campaign '{campaign_id}', do not exist; correct the path, "
-                "or reconstruct the campaign: --georeference gcp, campaign, model or gps ignores poses of the registry"
+                "or reconstruct the campaign: --georeference gcp, campaign, model or gps ignores poses of the portfolio"
             )
         return path
 
     def locate_detections(self, campaign_id: str, choice: str | None) -> Path:
-        """The COCO file of detections: that of the registry, one of its alternatives by name, or a path.
+        """The COCO file of detections: that of the portfolio, one of its alternatives by name, or a path.
 
         Raises InputDataError where it does not exist.
         """
@@ -167,8 +167,8 @@ class Building(StrictModel):
         if self.id == "demo":
             return "run 'facadelake demo' first, which creates it"
         if self._variables:
-            return f"correct the path in the registry, or set the environment variable {' or '.join(self._variables)}"
-        return "correct the path in the registry"
+            return f"correct the path in the portfolio, or set the environment variable {' or '.join(self._variables)}"
+        return "correct the path in the portfolio"
 
     def record_variables(self, names: Sequence[str]) -> None:
         """Record the environment variables in the paths, which error messages name as a remedy."""

@@ -1,4 +1,4 @@
-"""Read the registry: one YAML file, or a folder with one file per building."""
+"""Read the portfolio: one YAML file, or a folder with one file per building."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _PATH_KEYS = (
 
 
 class Portfolio(BaseModel):
-    """All buildings of the registry."""
+    """All buildings of the portfolio."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -46,18 +46,20 @@ class Portfolio(BaseModel):
             if building.id == building_id:
                 return building
         known = ", ".join(building.id for building in self.buildings) or "none"
-        raise InputDataError(f"there is no building '{building_id}' in the registry; it has {known}")
+        raise InputDataError(f"there is no building '{building_id}' in the portfolio; it has {known}")
 
 
 def read_portfolio(path: Path) -> Portfolio:
-    """Read the registry at ``path``: a YAML file with ``buildings:``, or a folder of files with one building each.
+    """Read the portfolio at ``path``: a YAML file with ``buildings:``, or a folder of files with one building each.
 
     Paths are relative to their file; ``${NAME:-default}`` is replaced by an environment variable; ``file://`` URIs are
     paths. Raises InputDataError that lists all mistakes with file, key, value and what is allowed.
     """
     files = sorted([*path.glob("*.yaml"), *path.glob("*.yml")]) if path.is_dir() else [path]
     if not files or not all(file.is_file() for file in files):
-        raise InputDataError(f"there is no registry at {path}; give a YAML file, or a folder of them, with --portfolio")
+        raise InputDataError(
+            f"there is no portfolio at {path}; give a YAML file, or a folder of them, with --portfolio"
+        )
     mistakes: list[str] = []
     buildings: list[Building] = []
     for file in files:
@@ -74,7 +76,7 @@ def read_portfolio(path: Path) -> Portfolio:
     repeated = sorted({i for i in ids if ids.count(i) > 1})
     mistakes += [f"{path}: several buildings have the id '{identifier}'; ids must be unique" for identifier in repeated]
     if mistakes:
-        raise InputDataError("the registry has mistakes:\n  " + "\n  ".join(mistakes))
+        raise InputDataError("the portfolio has mistakes:\n  " + "\n  ".join(mistakes))
     return Portfolio(buildings=tuple(buildings))
 
 

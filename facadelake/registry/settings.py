@@ -1,4 +1,4 @@
-"""Settings of a building in the registry: schedule, georeference, tolerances, detector."""
+"""Settings of a building in the portfolio: schedule, georeference, tolerances, detector."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from schemas.vocabulary import DefectClass
 
 
 class StrictModel(BaseModel):
-    """A mapping of the registry: immutable, without unknown keys."""
+    """A mapping of the portfolio: immutable, without unknown keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

@@ -1,4 +1,4 @@
-"""Kinds of building surface: an IFC, a mesh, or none but the as-built surface; and the registry keys of each."""
+"""Kinds of building surface: an IFC, a mesh, or none but the as-built surface; and the portfolio keys of each."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _KIND_LABELS = {_IFC: "an IFC", _MESH: "a mesh", _AS_BUILT: "'as-built' (no mode
 
 
 def infer_surface_kind(model: str) -> SurfaceKind:
-    """The kind of surface of a ``model`` in the registry, by keyword or file suffix."""
+    """The kind of surface of a ``model`` in the portfolio, by keyword or file suffix."""
     if model == AS_BUILT:
         return SurfaceKind.AS_BUILT
     return SurfaceKind.MESH if PurePath(model).suffix.lower() in _MESH_SUFFIXES else SurfaceKind.IFC

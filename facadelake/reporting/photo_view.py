@@ -177,7 +177,7 @@ def view_photograph(
     """Write the sheet of one photograph, and the images of ``render_view_images`` in a ``.npz`` file of the same name.
 
     Args:
-        building: building in the registry.
+        building: building in the portfolio.
         campaign_id: campaign.
         photo: photo_id, or a unique file name, with or without suffix.
         lake: folder of the lake.

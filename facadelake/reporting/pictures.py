@@ -200,10 +200,10 @@ def draw_pictures(
 ) -> DrawnPictures:
     """Draw pictures of a committed campaign; without names, those of the report.
 
-    Tables are read from the lake, photographs and building model from the registry.
+    Tables are read from the lake, photographs and building model from the portfolio.
 
     Args:
-        building: building in the registry.
+        building: building in the portfolio.
         campaign_id: campaign.
         lake: folder of the lake.
         folder: folder to write into.
@@ -214,7 +214,7 @@ def draw_pictures(
 
     Raises:
         StoreError: the lake does not contain the campaign.
-        InputDataError: a name is unknown, or the model in the registry is not the one of the campaign.
+        InputDataError: a name is unknown, or the model in the portfolio is not the one of the campaign.
     """
     inspection = _read_inspection(building, campaign_id, lake)
     surface = Surface(inspection.building)

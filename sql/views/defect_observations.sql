@@ -1,5 +1,5 @@
 -- grain: registered observation
--- meaning: each sighting of a defect with its photograph's time and role, and its distance from the defect's position
+-- meaning: each registered observation with the time and role of its photograph and its distance from the defect's position
 SELECT
     o.building_id,
     o.campaign_id,

@@ -88,7 +88,7 @@ def test_a_missing_coco_file(tmp_path: Path) -> None:
     with pytest.raises(InputDataError) as raised:
         import_coco(path, PHOTOS, class_names={})
     assert str(raised.value) == (
-        f"detections file {path} does not exist; correct the path in the registry, or put the file there"
+        f"detections file {path} does not exist; correct the path in the portfolio, or put the file there"
     )
 
 
@@ -123,7 +123,7 @@ def test_a_model_without_a_card_and_a_card_without_a_model(tmp_path: Path) -> No
     with pytest.raises(ModelError) as raised:
         OnnxDetector(tmp_path / "crak.onnx", ModelCard.model_validate(make_card("yolox")))
     assert str(raised.value) == (
-        f"model {tmp_path / 'crak.onnx'} does not exist; correct the detector's path in the registry"
+        f"model {tmp_path / 'crak.onnx'} does not exist; correct the detector's path in the portfolio"
     )
 
 

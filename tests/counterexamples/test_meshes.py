@@ -40,7 +40,7 @@ def refused(kind: type[FacadelakeError], path: Path, settings: MeshModelSettings
         (
             WALL,
             "the centre of hall.obj is at east, north, height [4.5, 0.0, 4.5] m, outside the area of use of EPSG:25832 "
-            "(Europe between 6°E and 12°E); check crs.map in the registry. If a photogrammetry program exported the "
+            "(Europe between 6°E and 12°E); check crs.map in the portfolio. If a photogrammetry program exported the "
             "mesh with coordinates near zero, set crs.offset_file to the offset file that it wrote, or set "
             "crs.placement",
         ),
@@ -60,7 +60,7 @@ def test_map_coordinates_in_32_bits(tmp_path: Path) -> None:
     assert refused(ModelError, path) == (
         "hall.stl stores its coordinates as 32-bit numbers, whose spacing at 5,421,000 m is 500 mm (limit 1 mm), so "
         "the mesh's detail is lost; export it with an offset (coordinates near zero) and set crs.offset_file or "
-        "crs.placement in the registry, or export OBJ or double-precision PLY with all digits"
+        "crs.placement in the portfolio, or export OBJ or double-precision PLY with all digits"
     )
 
 
@@ -71,7 +71,7 @@ def test_an_offset_file_without_an_offset(tmp_path: Path) -> None:
     settings = MeshModelSettings(vertical_datum="ellipsoidal", offset_file=offset)
     assert refused(GeoreferenceError, path, settings) == (
         "coords.txt has no offset; expected is a line with east and north (and height), such as '432000 5422000', "
-        "after at most one line with the CRS; set crs.placement (east_m, north_m, height_m) in the registry instead"
+        "after at most one line with the CRS; set crs.placement (east_m, north_m, height_m) in the portfolio instead"
     )
 
 
@@ -80,5 +80,5 @@ def test_neither_model_nor_gps() -> None:
         place_building_without_model(np.full((3, 2), np.nan), settings=MeshModelSettings(vertical_datum="ellipsoidal"))
     assert str(caught.value) == (
         "none of the 3 photographs has a GPS position and there is no model, so the building's position is unknown; "
-        "set crs.origin (lon_deg, lat_deg, height_ellipsoidal_m) in the registry"
+        "set crs.origin (lon_deg, lat_deg, height_ellipsoidal_m) in the portfolio"
     )

@@ -82,7 +82,7 @@ def test_a_file_that_is_not_a_model(tmp_path: Path, content: bytes, what: str) -
 def test_a_missing_model_and_one_without_bodies(tmp_path: Path, write_ifc: WriteIfc) -> None:
     path = tmp_path / "nothing.ifc"
     assert refused(ModelError, path) == (
-        f"building model {path} cannot be read (No such file or directory); check the path of model in the registry"
+        f"building model {path} cannot be read (No such file or directory); check the path of model in the portfolio"
     )
     assert refused(ModelError, write_ifc(Ifc(boxes=[], crs=CRS, conversion=CONVERSION))) == (
         "the building model has 0 elements with a body, and none of them could be meshed; "
@@ -90,8 +90,8 @@ def test_a_missing_model_and_one_without_bodies(tmp_path: Path, write_ifc: Write
     )
 
 
-VERTICAL = "set crs.vertical in the registry: 'ellipsoidal', or a vertical CRS such as EPSG:5783 (DHHN92)"
-SET_CRS = "set crs.map in the registry to an EPSG code such as EPSG:25832"
+VERTICAL = "set crs.vertical in the portfolio: 'ellipsoidal', or a vertical CRS such as EPSG:5783 (DHHN92)"
+SET_CRS = "set crs.map in the portfolio to an EPSG code such as EPSG:25832"
 CHECK = "check the CRS and the units, and that the shift to the map is not in both the geometry and IfcMapConversion"
 UNKNOWN_DATUM = "EPSG:99999"
 
@@ -103,19 +103,19 @@ UNKNOWN_DATUM = "EPSG:99999"
             Ifc(),
             BY_IFC,
             "the IFC names no projected CRS (it has no IfcSite latitude and longitude either); "
-            "add IfcProjectedCRS to it, or set crs.map in the registry, such as EPSG:25832",
+            "add IfcProjectedCRS to it, or set crs.map in the portfolio, such as EPSG:25832",
         ),
         (
             Ifc(crs=CRS),
             BY_IFC,
             "the IFC is not georeferenced: it has no IfcMapConversion (it has no IfcSite latitude and longitude "
             "either); georeference it in the authoring tool, or set crs.placement "
-            "(east_m, north_m, height_m, rotation_deg) in the registry",
+            "(east_m, north_m, height_m, rotation_deg) in the portfolio",
         ),
         (
             Ifc(crs=UTM, conversion=CONVERSION),
             BY_IFC,
-            f"neither the IFC nor the registry states the vertical datum of the model's heights (CRS EPSG:25832); "
+            f"neither the IFC nor the portfolio states the vertical datum of the model's heights (CRS EPSG:25832); "
             f"{VERTICAL}",
         ),
         (
@@ -172,14 +172,14 @@ UNKNOWN_DATUM = "EPSG:99999"
             BY_IFC,
             "the model is shifted to the map twice: its geometry is at [456641.0, 5421033.2, 179.5] m, which are map "
             "coordinates of EPSG:25832, and its placement adds east, north [456639.2, 5421033.5] m; export it with "
-            "only one of the two shifts, or, if the geometry is right, set crs.placement in the registry to "
+            "only one of the two shifts, or, if the geometry is right, set crs.placement in the portfolio to "
             "{east_m: 0, north_m: 0, height_m: 0}",
         ),
     ],
     ids=[
         "no georeference", "no map conversion", "no vertical datum", "unknown vertical datum",
-        "unknown vertical code in the IFC", "unknown vertical code in the registry", "horizontal as vertical",
-        "grid not here", "unknown CRS in the IFC", "unknown CRS in the registry", "geographic CRS",
+        "unknown vertical code in the IFC", "unknown vertical code in the portfolio", "horizontal as vertical",
+        "grid not here", "unknown CRS in the IFC", "unknown CRS in the portfolio", "geographic CRS",
         "CRS of another country", "east and north swapped", "shift in geometry and conversion",
     ],
 )  # fmt: skip
@@ -194,7 +194,7 @@ def test_the_remedies_for_crs_and_datum_help(write_ifc: WriteIfc) -> None:
 
 
 def test_the_remedy_for_a_model_without_map_conversion_helps(write_ifc: WriteIfc) -> None:
-    """The keys that the message names are the registry's, and their values place the model."""
+    """The keys that the message names are the portfolio's, and their values place the model."""
     building = Building.model_validate(
         {
             "id": "hall", "name": "Hall", "model": "hall.ifc", "photographs": "photos/{campaign}",

@@ -1,4 +1,4 @@
-"""Mistakes in the registry: told by the command line with file, key, value and what is allowed, all at once."""
+"""Mistakes in the portfolio: told by the command line with file, key, value and what is allowed, all at once."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_every_typo_is_told_at_once_without_a_traceback(tmp_path: Path) -> None:
     done = facadelake("campaigns", "--portfolio", path, "--lake", tmp_path / "lake")
     assert (done.returncode, done.stdout) == (1, "")
     head, *lines = done.stderr.splitlines()
-    assert head == "InputDataError: the registry has mistakes:"
+    assert head == "InputDataError: the portfolio has mistakes:"
     assert len(lines) == len(MISTAKES), done.stderr
     for said in MISTAKES:
         start = f"  {path}: {said.replace('{folder}', str(tmp_path))}"
@@ -92,10 +92,10 @@ def test_every_typo_is_told_at_once_without_a_traceback(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("inspect", "tower", "2026-04"), "there is no building 'tower' in the registry; it has hall"),
+        (("inspect", "tower", "2026-04"), "there is no building 'tower' in the portfolio; it has hall"),
         (
             ("inspect", "hall", "2026-04"),
-            "the model {folder}/models/hall.ifc of building 'hall' does not exist; correct the path in the registry",
+            "the model {folder}/models/hall.ifc of building 'hall' does not exist; correct the path in the portfolio",
         ),
     ],
     ids=["unknown building", "no model"],
@@ -114,7 +114,7 @@ def test_no_registry(tmp_path: Path) -> None:
     with pytest.raises(InputDataError) as raised:
         read_portfolio(path)
     assert str(raised.value) == (
-        f"there is no registry at {path}; give a YAML file, or a folder of them, with --portfolio"
+        f"there is no portfolio at {path}; give a YAML file, or a folder of them, with --portfolio"
     )
 
 
@@ -128,13 +128,13 @@ def test_a_missing_folder_of_photographs_names_the_campaigns_there_are(tmp_path:
     folder = tmp_path / "photos" / "2026-04" / "images"
     assert refused(hall(tmp_path), "2026-04") == (
         f"the photographs' folder {folder} of building 'hall', campaign '2026-04', does not exist "
-        "(campaigns with photographs: none found); correct the path in the registry"
+        "(campaigns with photographs: none found); correct the path in the portfolio"
     )
     folder.mkdir(parents=True)
     other = tmp_path / "photos" / "2026-05" / "images"
     assert refused(hall(tmp_path), "2026-05") == (
         f"the photographs' folder {other} of building 'hall', campaign '2026-05', does not exist "
-        "(campaigns with photographs: 2026-04); correct the path in the registry"
+        "(campaigns with photographs: 2026-04); correct the path in the portfolio"
     )
     listed = GOOD.replace("photos/{campaign}/images", 'photos\n    campaigns: ["2026-04", "2026-10"]')
     assert refused(hall(tmp_path, listed), "2026-05") == (
@@ -148,12 +148,12 @@ def test_a_folder_named_by_an_environment_variable(tmp_path: Path, monkeypatch: 
     assert refused(hall(tmp_path, text), "2026-04") == (
         f"the photographs' folder {tmp_path / 'nowhere' / '2026-04'} of building 'hall', campaign '2026-04', does not "
         "exist (campaigns with photographs: none found); "
-        "correct the path in the registry, or set the environment variable HALL_DATA"
+        "correct the path in the portfolio, or set the environment variable HALL_DATA"
     )
     with pytest.raises(InputDataError) as raised:
         hall(tmp_path, GOOD.replace("models/hall.ifc", "${HALL_DATA}/hall.ifc"))
     assert str(raised.value) == (
-        f"the registry has mistakes:\n  {tmp_path / 'portfolio.yaml'}: buildings[0]: '${{HALL_DATA}}/hall.ifc' needs "
+        f"the portfolio has mistakes:\n  {tmp_path / 'portfolio.yaml'}: buildings[0]: '${{HALL_DATA}}/hall.ifc' needs "
         "the environment variable HALL_DATA, which is not set; set it to a folder"
     )
 
@@ -164,7 +164,7 @@ def test_detections_that_are_not_there(tmp_path: Path) -> None:
         building.locate_detections("2026-04", None)
     assert str(raised.value) == (
         f"the detections file {tmp_path / 'photos' / '2026-04' / 'boxes.json'} of building 'hall' does not exist; "
-        "correct the path in the registry"
+        "correct the path in the portfolio"
     )
     with pytest.raises(InputDataError) as raised:
         building.locate_detections("2026-04", "nosy")

@@ -1,4 +1,4 @@
-"""What Prefect is told to run exists: prefect.yaml's entrypoints and their parameters, and the registry's schedules."""
+"""Deployments exist: prefect.yaml's entrypoints and their parameters, and the portfolio's schedules."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ def test_a_campaign_becomes_tables(small: SmallPortfolio, first_run: str) -> Non
     assert len(defects) >= 25
     assert all(row["severity"] in ("minor", "moderate", "severe") for row in defects)
     assert all(row["passed"] for row in rows(small, "checks"))
-    for said in ("2 rejected", "broken.JPG", "alignment", "gcp", "by storey", "Ground floor", "published/small"):
+    for said in ("2 rejected", "broken.JPG", "georeference", "gcp", "by storey", "Ground floor", "published/small"):
         assert said in first_run
 
 

@@ -1,6 +1,6 @@
 """The whole castle campaign by the command line: 29 real photographs, its model, its boxes, its control points.
 
-The registry's own entry, but features are looked for in photographs of a third of the default's size: benchmarks/
+The portfolio's own entry, but features are looked for in photographs of a third of the default's size: benchmarks/
 measures the default.
 """
 

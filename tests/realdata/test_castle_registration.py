@@ -64,7 +64,8 @@ class Castle:
             found, posed, self.model, self.surface, settings=RegistrationSettings(), covariances=covariances
         )
         merged = merge_observations(
-            seen, found, self.model, posed, prefix="castle", settings=MergeSettings.build_for_control(ControlKind.IMPORTED),
+            seen, found, self.model, posed, prefix="castle",
+            settings=MergeSettings.build_for_control(ControlKind.IMPORTED),
             covariances=covariances,
         )  # fmt: skip
         compared = compare_with_truth(

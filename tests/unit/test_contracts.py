@@ -89,7 +89,7 @@ PLANTED = [
         "facadelake.registration is not allowed to import facadelake.photos",
     ),
     (
-        "Flows hold flows: of the domain they see the registry, the checks before a run and the versions of code",
+        "Flows hold flows: of the domain they see the portfolio, the checks before a run and the versions of code",
         "flows.inspect_portfolio",
         "import facadelake.registration",
         "flows is not allowed to import facadelake.registration",

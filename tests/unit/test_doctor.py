@@ -140,7 +140,7 @@ def test_a_missing_default_detector_is_a_warning_with_its_remedy(
     (check,) = doctor.check_models([])
     assert (check.name, check.status) == ("default detector", Status.WARNING)
     assert check.found.endswith("facadelake-nano.onnx does not exist")
-    assert "name a model's file in the registry" in check.remedy
+    assert "name a model's file in the portfolio" in check.remedy
     (tmp_path / "facadelake-nano.onnx").write_bytes(b"x" * 3_500_000)
     (check,) = doctor.check_models([])
     assert (check.status, check.found.endswith("3.5 MB")) == (Status.OK, True)

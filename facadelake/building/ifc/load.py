@@ -29,7 +29,7 @@ _FALSE_ORIGIN_M = 10_000.0  # a model origin farther from the building than this
 
 @dataclass(frozen=True, kw_only=True)
 class IfcModelSettings:
-    """What the registry states about an IFC model; None means that the IFC's own statement applies.
+    """What the portfolio states about an IFC model; None means that the IFC's own statement applies.
 
     ``vertical_datum`` is "ellipsoidal" or a vertical CRS such as "EPSG:5783". ``control`` (pairs of points of the model
     and of the map), else ``placement``, replaces the IFC's georeference. ``accept_level`` is the lowest LoGeoRef level
@@ -127,7 +127,7 @@ def _compute_site_from_ifc(georeference: ModelGeoreference, origin: SiteOrigin, 
 
 
 def _convert_registry_storeys(storeys: Sequence[StoreyElevation], georeference: ModelGeoreference) -> list[IfcStorey]:
-    """The registry's storeys in the model's axes, sorted by level; the model is upright."""
+    """The portfolio's storeys in the model's axes, sorted by level; the model is upright."""
     placement = georeference.placement
     converted = [
         IfcStorey(name=storey.name, level_m=(storey.floor_m - placement.height_m) / placement.scale[2])
@@ -159,5 +159,5 @@ def _describe_buildings(model: ifcopenshell.file, building_guid: str) -> str:
         return f"of the IFC's {len(buildings)} buildings only '{label_building(selected)}' was loaded"
     names = ", ".join(f"'{label_building(building)}'" for building in buildings[:5])
     return (
-        f"the IFC has {len(buildings)} buildings ({names}), all loaded; set model_building in the registry to load one"
+        f"the IFC has {len(buildings)} buildings ({names}), all loaded; set model_building in the portfolio to load one"
     )

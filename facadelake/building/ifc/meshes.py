@@ -47,7 +47,7 @@ def open_ifc(path: Path) -> ifcopenshell.file:
             tail = stream.read()
     except OSError as error:
         raise ModelError(
-            f"building model {path} cannot be read ({error.strerror}); check the path of model in the registry"
+            f"building model {path} cannot be read ({error.strerror}); check the path of model in the portfolio"
         ) from error
     # Checked before parsing: a truncated file parses without an error and lacks elements.
     if not head.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(_HEAD):

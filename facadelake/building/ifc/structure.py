@@ -68,7 +68,7 @@ def get_building(model: ifcopenshell.file, name: str) -> ifcopenshell.entity_ins
     if len(found) != 1:
         known = ", ".join(f"'{label_building(building)}' ({building.GlobalId})" for building in buildings) or "none"
         raise ModelError(
-            f"model_building '{name}' in the registry matches {len(found)} of the IFC's buildings ({known}); use one "
+            f"model_building '{name}' in the portfolio matches {len(found)} of the IFC's buildings ({known}); use one "
             "of these names or GlobalIds"
         )
     return found[0]

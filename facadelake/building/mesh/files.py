@@ -47,7 +47,7 @@ def read_mesh_file(path: Path, *, axes: MeshAxes | None = None, unit_m: float = 
     or too coarse, or of a size that no building has.
     """
     if not path.is_file():
-        raise ModelError(f"the mesh {path} does not exist; correct model in the registry")
+        raise ModelError(f"the mesh {path} does not exist; correct model in the portfolio")
     vertices, triangles, spacing = _load_parts(path)
     if len(triangles) == 0:
         raise ModelError(f"{path.name} has no triangles (a point cloud?); export a mesh with faces")
@@ -72,7 +72,7 @@ def read_mesh_file(path: Path, *, axes: MeshAxes | None = None, unit_m: float = 
             f"{path.name} stores its coordinates as 32-bit numbers, whose spacing at {np.abs(vertices).max():,.0f} m "
             f"is {1000 * spacing_m:.0f} mm (limit {1000 * _MAX_SPACING_M:.0f} mm), so the mesh's detail is lost; "
             "export it with an offset (coordinates near zero) and set crs.offset_file or crs.placement in the "
-            "registry, or export OBJ or double-precision PLY with all digits"
+            "portfolio, or export OBJ or double-precision PLY with all digits"
         )
     axes = axes or (MeshAxes.Y_UP if path.suffix.lower() in (".glb", ".gltf") else MeshAxes.Z_UP)
     if axes is MeshAxes.Y_UP:  # x right, y up, z towards the viewer
@@ -150,6 +150,6 @@ def _check_size(path: Path, vertices: Float64Nx3, unit_m: float) -> None:
     if not _MIN_SIZE_M <= size_m <= _MAX_SIZE_M:
         raise ModelError(
             f"{path.name} is {size_m:,.6g} m across with a unit of {unit_m} m (a building has {_MIN_SIZE_M:.0f} to "
-            f"{_MAX_SIZE_M:,.0f} m); set crs.unit in the registry (metre, millimetre, foot, us_survey_foot), or crop "
+            f"{_MAX_SIZE_M:,.0f} m); set crs.unit in the portfolio (metre, millimetre, foot, us_survey_foot), or crop "
             "the mesh to the building"
         )

@@ -39,7 +39,7 @@ _MAP_COORDINATES = MapPlacement(east_m=0.0, north_m=0.0, height_m=0.0)
 
 @dataclass(frozen=True, kw_only=True)
 class MeshModelSettings:
-    """What the registry states about a building without BIM: a mesh, or no model.
+    """What the portfolio states about a building without BIM: a mesh, or no model.
 
     ``map_crs``: the projected CRS; ``vertical_datum``: "ellipsoidal" or a vertical CRS such as "EPSG:7837".
     ``placement`` or ``offset_file``: position of the mesh's origin on the map; without either its coordinates are map
@@ -85,15 +85,15 @@ def load_mesh_building(path: Path, *, settings: MeshModelSettings) -> BuildingMo
 def place_building_without_model(lon_lat_deg: Float64Nx2, *, settings: MeshModelSettings) -> BuildingModel:
     """Place a building without a model at its photographs, taken at ``lon_lat_deg`` (n, 2; NaN where unknown).
 
-    The building has no surface yet (see ``attach_surface``). The CRS is the registry's, else the UTM zone of WGS 84.
-    Raises GeoreferenceError if neither the photographs nor the registry states the building's position, or the registry
-    states no vertical datum.
+    The building has no surface yet (see ``attach_surface``). The CRS is the portfolio's, else the UTM zone of WGS 84.
+    Raises GeoreferenceError if neither the photographs nor the portfolio states the building's position, or the
+    portfolio states no vertical datum.
     """
     known = lon_lat_deg[np.isfinite(lon_lat_deg).all(axis=1)]
     if settings.origin is None and len(known) == 0:
         raise GeoreferenceError(
             f"none of the {len(lon_lat_deg)} photographs has a GPS position and there is no model, so the building's "
-            "position is unknown; set crs.origin (lon_deg, lat_deg, height_ellipsoidal_m) in the registry"
+            "position is unknown; set crs.origin (lon_deg, lat_deg, height_ellipsoidal_m) in the portfolio"
         )
     # The height only keeps site coordinates small. GPS heights may differ by the geoid undulation and are not used.
     origin = settings.origin or _round_origin(np.append(np.median(known, axis=0), 0.0))
@@ -146,17 +146,17 @@ def attach_surface(
 
 
 def _resolve_crs(settings: MeshModelSettings, offset: MeshOffset | None) -> tuple[str, str]:
-    """The projected CRS, of the registry or else of the offset file, and the vertical datum of the registry."""
+    """The projected CRS, of the portfolio or else of the offset file, and the vertical datum of the portfolio."""
     crs = settings.map_crs or (offset.crs if offset else None)
     if crs is None:
         raise GeoreferenceError(
-            "the projected CRS of the mesh is not stated; set crs.map in the registry, such as EPSG:25832"
+            "the projected CRS of the mesh is not stated; set crs.map in the portfolio, such as EPSG:25832"
         )
     horizontal, vertical_of_crs = split_crs(crs)
     vertical = parse_vertical_datum(settings.vertical_datum) if settings.vertical_datum else vertical_of_crs
     if not vertical:
         raise GeoreferenceError(
-            f"the vertical datum of the heights is not stated (CRS {horizontal}); set crs.vertical in the registry: "
+            f"the vertical datum of the heights is not stated (CRS {horizontal}); set crs.vertical in the portfolio: "
             "'ellipsoidal', or a vertical CRS such as EPSG:5783 (DHHN92)"
         )
     return horizontal, vertical
@@ -167,7 +167,7 @@ def _placement_from_offset(offset: MeshOffset, horizontal: str) -> MapPlacement:
     if abs(unit_m - 1.0) > 1e-9:
         raise GeoreferenceError(
             f"the unit of {horizontal} is {unit_m:.6f} m, so it is unknown whether the offset file is in metres or in "
-            "that unit; set crs.placement (east_m, north_m, height_m) in metres in the registry instead"
+            "that unit; set crs.placement (east_m, north_m, height_m) in metres in the portfolio instead"
         )
     return MapPlacement(east_m=offset.east_m, north_m=offset.north_m, height_m=offset.height_m)
 
@@ -190,7 +190,7 @@ def _locate_mesh(path: Path, georeference: ModelGeoreference, centre_m: Float64x
     if not inside:
         raise GeoreferenceError(
             f"the centre of {path.name} is at east, north, height {centre_map.round(1).tolist()} m, outside the area "
-            f"of use of {crs} ({name_area_of_use(crs)}); check crs.map in the registry. If a photogrammetry program "
+            f"of use of {crs} ({name_area_of_use(crs)}); check crs.map in the portfolio. If a photogrammetry program "
             "exported the mesh with coordinates near zero, set crs.offset_file to the offset file that it wrote, or "
             "set crs.placement"
         )
@@ -199,10 +199,10 @@ def _locate_mesh(path: Path, georeference: ModelGeoreference, centre_m: Float64x
 
 def _describe_placement(settings: MeshModelSettings, offset: MeshOffset | None, horizontal: str) -> str:
     if settings.placement is not None:
-        return "the mesh is placed by crs.placement of the registry"
+        return "the mesh is placed by crs.placement of the portfolio"
     if offset is None:
         return "the mesh's coordinates are taken as map coordinates"
-    conflict = f"; it names {offset.crs}, the registry {horizontal}" if offset.crs not in (None, horizontal) else ""
+    conflict = f"; it names {offset.crs}, the portfolio {horizontal}" if offset.crs not in (None, horizontal) else ""
     return (
         f"the mesh's origin is at east {offset.east_m:.3f}, north {offset.north_m:.3f}, height {offset.height_m:.3f} m "
         f"by its offset file{conflict}"

@@ -36,14 +36,14 @@ def read_mesh_offset(path: Path) -> MeshOffset:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise GeoreferenceError(
-            f"the offset file {path} cannot be read ({error}); correct crs.offset_file in the registry"
+            f"the offset file {path} cannot be read ({error}); correct crs.offset_file in the portfolio"
         ) from error
     crs, values = _parse_xml(text) if text.lstrip().startswith("<") else _parse_text(text)
     if len(values) not in (2, 3):
         raise GeoreferenceError(
             f"{path.name} has no offset; expected is a line with east and north (and height), such as "
             "'432000 5422000', after at most one line with the CRS; set crs.placement (east_m, north_m, height_m) in "
-            "the registry instead"
+            "the portfolio instead"
         )
     east, north, height = (*values, 0.0)[:3]
     return MeshOffset(east_m=east, north_m=north, height_m=height, crs=_parse_crs(crs, path) if crs else None)
@@ -80,6 +80,6 @@ def _parse_crs(text: str, path: Path) -> str:
     except CRSError as error:
         raise GeoreferenceError(
             f"{path.name} names the CRS '{text}', which PROJ does not know; set crs.map and crs.placement in the "
-            "registry instead"
+            "portfolio instead"
         ) from error
     return f"EPSG:{code}" if code else text

@@ -1,4 +1,4 @@
-"""Find every georeference that an IFC or the registry states, graded by LoGeoRef level (Clemen and Goerne 2019).
+"""Find every georeference that an IFC or the portfolio states, graded by LoGeoRef level (Clemen and Goerne 2019).
 
 Every assumption is recorded in ``remarks``; ``docs/georeference-levels.md`` lists the levels for users.
 """
@@ -47,7 +47,7 @@ class GeoreferenceCandidates:
     """All possible georeferences of a model, the preferred one first.
 
     ``as_map_coordinates`` interprets the model's coordinates as map coordinates. ``accept_level`` is the lowest
-    LoGeoRef level that the registry accepts although its accuracy is metres. ``true_north_deg``: see
+    LoGeoRef level that the portfolio accepts although its accuracy is metres. ``true_north_deg``: see
     ``read_true_north_deg``. ``lower_levels`` describes the IFC's georeference below level 30, for error messages.
     """
 
@@ -67,14 +67,14 @@ def find_georeferences(
     control: Sequence[ControlPair] = (),
     accept_level: int | None = None,
 ) -> GeoreferenceCandidates:
-    """Find the possible georeferences of a model; the registry's statements take precedence over the IFC's.
+    """Find the possible georeferences of a model; the portfolio's statements take precedence over the IFC's.
 
     Args:
         model: the IFC.
-        map_crs: projected CRS of the registry; None takes the IFC's.
-        vertical_datum: "ellipsoidal" or a vertical CRS of the registry; None takes the IFC's.
-        placement: placement of the model on the map by the registry.
-        control: pairs of points of the model and of the map by the registry; used before ``placement``.
+        map_crs: projected CRS of the portfolio; None takes the IFC's.
+        vertical_datum: "ellipsoidal" or a vertical CRS of the portfolio; None takes the IFC's.
+        placement: placement of the model on the map by the portfolio.
+        control: pairs of points of the model and of the map by the portfolio; used before ``placement``.
         accept_level: lowest LoGeoRef level that is accepted although its accuracy is metres.
 
     Returns:
@@ -94,15 +94,15 @@ def find_georeferences(
     if map_crs is None and ifc_crs is None:
         raise GeoreferenceError(
             f"the IFC names no projected CRS ({lower_levels}); "
-            "add IfcProjectedCRS to it, or set crs.map in the registry, such as EPSG:25832"
+            "add IfcProjectedCRS to it, or set crs.map in the portfolio, such as EPSG:25832"
         )
     horizontal, vertical_of_crs = split_crs(map_crs or ifc_crs or "")
     vertical = vertical_datum and parse_vertical_datum(vertical_datum)
     vertical = vertical or vertical_of_crs or (ifc_vertical and parse_vertical_datum(ifc_vertical))
     if not vertical:
         raise GeoreferenceError(
-            f"neither the IFC nor the registry states the vertical datum of the model's heights (CRS {horizontal}); "
-            "set crs.vertical in the registry: 'ellipsoidal', or a vertical CRS such as EPSG:5783 (DHHN92)"
+            f"neither the IFC nor the portfolio states the vertical datum of the model's heights (CRS {horizontal}); "
+            "set crs.vertical in the portfolio: 'ellipsoidal', or a vertical CRS such as EPSG:5783 (DHHN92)"
         )
     as_map = ModelGeoreference(
         placement=MapPlacement(east_m=0.0, north_m=0.0, height_m=0.0),
@@ -146,7 +146,7 @@ def _read_ifc_candidates(
                 "the IFC's WorldCoordinateSystem is shifted or rotated (translation "
                 f"{np.round(world[:3, 3], 3).tolist()} m), and the IFC has a map conversion too; programs combine the "
                 "two in different ways: export with the identity as world coordinate system, or set crs.placement in "
-                "the registry"
+                "the portfolio"
             )
         return [
             replace(as_map, placement=placement, level="50", remarks=remarks)
@@ -172,7 +172,7 @@ def _georeference_from_world(
     if abs(world[2, 2] - 1) > 1e-9:
         raise GeoreferenceError(
             "the IFC's WorldCoordinateSystem is tilted, so the model would not be upright; export with an upright "
-            "world coordinate system, or set crs.placement in the registry"
+            "world coordinate system, or set crs.placement in the portfolio"
         )
     rotation_deg = float(np.degrees(np.arctan2(world[1, 0], world[0, 0])))
     remarks, sigma = f"placed by WorldCoordinateSystem, taken as map coordinates of {as_map.map_crs}", 0.0

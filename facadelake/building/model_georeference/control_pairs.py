@@ -39,13 +39,13 @@ def fit_placement(pairs: Sequence[ControlPair], map_crs: str, vertical_datum: st
     target = np.array([pair.map_m for pair in pairs], dtype=np.float64).reshape(-1, 3)
     if len(pairs) < 2:
         raise GeoreferenceError(
-            f"crs.control in the registry has {len(pairs)} pair; at least 2 are needed, and 3 or more to detect a "
+            f"crs.control in the portfolio has {len(pairs)} pair; at least 2 are needed, and 3 or more to detect a "
             "mistake"
         )
     radii = [float(np.max(np.linalg.norm(side[:, :2] - side[:, :2].mean(axis=0), axis=1))) for side in (source, target)]
     if min(radii) < _MIN_SPREAD_M / 2:
         raise GeoreferenceError(
-            f"the pairs of crs.control in the registry lie within {2 * min(radii):.2f} m of one another in plan; they "
+            f"the pairs of crs.control in the portfolio lie within {2 * min(radii):.2f} m of one another in plan; they "
             f"must be more than {_MIN_SPREAD_M:g} m apart to determine the rotation: use corners at the building's ends"
         )
     factor = compute_grid_factors(
@@ -92,16 +92,16 @@ def _diagnose_misfit(source: Float64Nx3, target: Float64Nx3, factor: float, resi
             if np.linalg.norm(without.map_from_ifc(source[rest]) - target[rest], axis=1).max() <= _MAX_RESIDUAL_M:
                 deviation = float(np.linalg.norm(without.map_from_ifc(source[[index]]) - target[[index]]))
                 return (
-                    f"pair {index + 1} of crs.control in the registry deviates by {deviation:.3f} m from the placement "
-                    f"by the other pairs ({worst}); measure it again, or remove it"
+                    f"pair {index + 1} of crs.control in the portfolio deviates by {deviation:.3f} m from the "
+                    f"placement by the other pairs ({worst}); measure it again, or remove it"
                 )
     if abs(ratio - 1) > _MAX_SCALE_ERROR:
         return (
-            f"the pairs of crs.control in the registry are {ratio:.4g} times as far apart on the map as in the model "
+            f"the pairs of crs.control in the portfolio are {ratio:.4g} times as far apart on the map as in the model "
             f"({worst}); ifc_m and map_m are both in metres: check that neither is in millimetres or feet"
         )
     return (
-        f"the pairs of crs.control in the registry do not agree ({worst}, at pair {int(residuals.argmax()) + 1}), and "
+        f"the pairs of crs.control in the portfolio do not agree ({worst}, at pair {int(residuals.argmax()) + 1}), and "
         f"the wrong one cannot be identified among {len(source)}; measure them again, or add more"
     )
 

@@ -27,13 +27,13 @@ def split_crs(crs_text: str) -> tuple[str, str]:
         crs = pyproj.CRS.from_user_input(crs_text)
     except CRSError as error:
         raise GeoreferenceError(
-            f"CRS '{crs_text}' is not known to PROJ; set crs.map in the registry to an EPSG code such as EPSG:25832"
+            f"CRS '{crs_text}' is not known to PROJ; set crs.map in the portfolio to an EPSG code such as EPSG:25832"
         ) from error
     horizontal = crs.sub_crs_list[0] if crs.is_compound else crs
     if not horizontal.is_projected:
         raise GeoreferenceError(
             f"CRS '{crs_text}' ({horizontal.name}) is not a projected CRS, which a map conversion requires; set "
-            "crs.map in the registry to an EPSG code such as EPSG:25832"
+            "crs.map in the portfolio to an EPSG code such as EPSG:25832"
         )
     vertical = ""
     if crs.is_compound:
@@ -61,7 +61,7 @@ def parse_vertical_datum(text: str) -> str:
     same = [info for info in known if info.name.lower() in (name.lower(), f"{name.lower()} height")]
     if len(same) != 1:
         raise GeoreferenceError(
-            f"PROJ knows no single vertical CRS named '{text}'; set crs.vertical in the registry: 'ellipsoidal', or a "
+            f"PROJ knows no single vertical CRS named '{text}'; set crs.vertical in the portfolio: 'ellipsoidal', or a "
             "vertical CRS such as EPSG:5783 (DHHN92)"
         )
     return f"EPSG:{same[0].code}"

@@ -134,7 +134,7 @@ def list_placements(
             f"{operation.kind} has Scale {operation.scale} and factors {operation.factors}, the model's unit is "
             f"{project_m:g} m and the map's {map_unit_m or crs_m:g} m: no interpretation gives a map scale within "
             f"{_MAX_SCALE_ERROR:.0%} of 1, so a unit is wrong; correct Scale or MapUnit, or set crs.placement in the "
-            "registry"
+            "portfolio"
         )
 
 
@@ -184,11 +184,11 @@ def _operation_from_properties(values: dict[str, Any]) -> CoordinateOperation:
         except (TypeError, ValueError) as error:
             raise GeoreferenceError(
                 f"ePSet_MapConversion.{name} is {value!r}, not a number; write it with a decimal point and without a "
-                "unit, or set crs.placement in the registry"
+                "unit, or set crs.placement in the portfolio"
             ) from error
     if numbers["Eastings"] is None or numbers["Northings"] is None:
         raise GeoreferenceError(
-            "ePSet_MapConversion has no Eastings or no Northings; add them, or set crs.placement in the registry"
+            "ePSet_MapConversion has no Eastings or no Northings; add them, or set crs.placement in the portfolio"
         )
     return CoordinateOperation(
         kind="ePSet_MapConversion",
@@ -222,7 +222,7 @@ def _read_map_unit_m(model: ifcopenshell.file) -> float | None:
         if name and name not in _UNITS_2X3:
             raise GeoreferenceError(
                 f"ePSet_ProjectedCRS.MapUnit is {name!r}; known units are {', '.join(_UNITS_2X3)}; correct it, or set "
-                "crs.placement in the registry"
+                "crs.placement in the portfolio"
             )
         return _UNITS_2X3.get(name)
     unit = getattr(crs, "MapUnit", None)

@@ -1,6 +1,6 @@
 """Select the georeference to use, once the model's geometry is known, and check it.
 
-A position with an accuracy of metres is refused unless the registry accepts its LoGeoRef level by name.
+A position with an accuracy of metres is refused unless the portfolio accepts its LoGeoRef level by name.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ def select_georeference(candidates: GeoreferenceCandidates, centre_ifc_m: Float6
 
     Its remarks list the assumptions. Raises GeoreferenceError if there is none, if all put the centre outside the area
     of use of their CRS, if the shift to the map is in the geometry and in the conversion, or if the accuracy is metres
-    and the registry does not accept the level.
+    and the portfolio does not accept the level.
     """
     on_map = _has_map_coordinates(candidates.as_map_coordinates, centre_ifc_m)
     possible = [candidate for candidate in candidates.candidates if on_map or candidate.level != "30"]
     if not possible:
         raise GeoreferenceError(
             f"the IFC is not georeferenced: it has no IfcMapConversion ({candidates.lower_levels}); georeference it in "
-            "the authoring tool, or set crs.placement (east_m, north_m, height_m, rotation_deg) in the registry"
+            "the authoring tool, or set crs.placement (east_m, north_m, height_m, rotation_deg) in the portfolio"
         )
     for candidate in possible:
         if candidate.level == possible[0].level:
@@ -83,7 +83,7 @@ def _check_double_shift(candidate: ModelGeoreference, centre_ifc_m: Float64x3, *
         f"the model is shifted to the map twice: its geometry is at {centre_ifc_m.round(1).tolist()} m, which are "
         f"map coordinates of {candidate.map_crs}, and its placement adds east, north "
         f"{[round(placement.east_m, 1), round(placement.north_m, 1)]} m; export it with only one of the two shifts, "
-        "or, if the geometry is right, set crs.placement in the registry to {east_m: 0, north_m: 0, height_m: 0}"
+        "or, if the geometry is right, set crs.placement in the portfolio to {east_m: 0, north_m: 0, height_m: 0}"
     )
 
 
@@ -93,7 +93,7 @@ def _check_accuracy(candidate: ModelGeoreference, accept_level: int | None) -> N
     raise GeoreferenceError(
         f"the model's georeference is LoGeoRef {candidate.level}: {candidate.remarks}; its sigma is "
         f"{candidate.sigma_m:.2g} m, above the limit of {_MAX_SIGMA_M:g} m for registering defects on it; set "
-        "crs.control (pairs of points of the model and of the map) or crs.placement in the registry, or accept the "
+        "crs.control (pairs of points of the model and of the map) or crs.placement in the portfolio, or accept the "
         f"level with crs.accept_level: {candidate.level} and georeference the campaign by the model, not by control "
         "points"
     )

@@ -92,12 +92,12 @@ def read_geographic_operation(model: ifcopenshell.file) -> GeographicAnchor | No
     except pyproj.exceptions.CRSError as error:
         raise GeoreferenceError(
             f"the target CRS of IfcRigidOperation is '{name}', which PROJ does not know; use a geographic CRS such as "
-            "EPSG:4326, or set crs.map and crs.placement in the registry"
+            "EPSG:4326, or set crs.map and crs.placement in the portfolio"
         ) from error
     if not crs.is_geographic:
         raise GeoreferenceError(
             f"IfcRigidOperation has coordinates in degrees, but {name} is not a geographic CRS; correct one of them, "
-            "or set crs.placement in the registry"
+            "or set crs.placement in the portfolio"
         )
     unit_deg = float(np.degrees(ifcopenshell.util.unit.calculate_unit_scale(model, "PLANEANGLEUNIT")))
     coordinates = [entity.FirstCoordinate.wrappedValue * unit_deg, entity.SecondCoordinate.wrappedValue * unit_deg]

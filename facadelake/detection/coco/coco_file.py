@@ -61,7 +61,7 @@ def read_coco(path: Path) -> CocoFile:
         content = json.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError as error:
         raise InputDataError(
-            f"detections file {path} does not exist; correct the path in the registry, or put the file there"
+            f"detections file {path} does not exist; correct the path in the portfolio, or put the file there"
         ) from error
     except OSError as error:
         raise InputDataError(

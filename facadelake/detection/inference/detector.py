@@ -202,7 +202,7 @@ def hash_detector(file: Path, class_names: Mapping[str, str], card: Path | None 
     Raises InputDataError if the file does not exist, ModelError if a model has no card.
     """
     if not file.is_file():
-        raise InputDataError(f"detector {file} does not exist; correct the detector's path in the registry")
+        raise InputDataError(f"detector {file} does not exist; correct the detector's path in the portfolio")
     parts: dict[str, object] = {"class_names": dict(class_names), "name": file.name, "file": hash_file(file)}
     if file.suffix.lower() == ".onnx":
         parts["card"] = find_card(file, card).model_dump(mode="json", exclude=_DESCRIPTIVE_KEYS)

@@ -28,7 +28,7 @@ class ModelSession:
         """
         self.model = model
         if not model.is_file():
-            raise ModelError(f"model {model} does not exist; correct the detector's path in the registry")
+            raise ModelError(f"model {model} does not exist; correct the detector's path in the portfolio")
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
         options.log_severity_level = 3

@@ -69,7 +69,7 @@ def test_a_wrong_pair_is_named(wrong):
     noise = np.random.default_rng(wrong).normal(0.0, 0.01, CORNERS.shape)
     noise[wrong] += [0.5, -0.3, 0.0]
     with pytest.raises(
-        GeoreferenceError, match=rf"pair {wrong + 1} of crs.control in the registry deviates by 0\.[567]\d\d m"
+        GeoreferenceError, match=rf"pair {wrong + 1} of crs.control in the portfolio deviates by 0\.[567]\d\d m"
     ):
         fit_placement(pairs_of(CORNERS, noise), "EPSG:25832", "ellipsoidal")
 

@@ -268,7 +268,7 @@ def test_a_shift_in_geometry_and_conversion_is_detected_where_both_are_in_the_ar
     crs = {"Name": "EPSG:2169", "VerticalDatum": "ellipsoidal"}
     path = write_ifc(Ifc(boxes=[Box(corner_m=(76670.0, 77179.0, 290.0))], conversion=conversion, crs=crs))
     with pytest.raises(
-        GeoreferenceError, match=r"shifted to the map twice.*crs\.placement in the registry to \{east_m: 0"
+        GeoreferenceError, match=r"shifted to the map twice.*crs\.placement in the portfolio to \{east_m: 0"
     ):
         load_ifc_building(path, settings=IfcModelSettings())
     zero = MapPlacement(east_m=0.0, north_m=0.0, height_m=0.0)

@@ -286,7 +286,7 @@ def test_several_buildings_in_a_file(house, schema):
     assert "only 'building' was loaded" in edit.building.remarks
     assert {storey.name for storey in edit.building.storeys} == {"Ground floor", "First floor"}
     with pytest.raises(
-        ModelError, match=r"model_building 'nobody' in the registry matches 0 .*'building' \(.*'neighbour'"
+        ModelError, match=r"model_building 'nobody' in the portfolio matches 0 .*'building' \(.*'neighbour'"
     ):
         load_ifc_building(
             edit.path, settings=IfcModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal", building="nobody")

@@ -1,4 +1,4 @@
-"""Which poses an inspection imports: those asked for, the registry's, or none."""
+"""Which poses an inspection imports: those asked for, the portfolio's, or none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The registry accepts the examples of docs/georeference-levels.md."""
+"""The portfolio accepts the examples of docs/georeference-levels.md."""
 
 import re
 from pathlib import Path

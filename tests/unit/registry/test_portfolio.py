@@ -1,4 +1,4 @@
-"""The registry: its buildings, and the messages about mistakes."""
+"""The portfolio: its buildings, and the messages about mistakes."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def test_all_mistakes_are_reported_at_once_and_ids_are_unique(tmp_path: Path) ->
 
 
 def test_unknown_building_and_missing_registry_name_what_there_is(tmp_path: Path) -> None:
-    with pytest.raises(InputDataError, match="no building 'tower' in the registry; it has hall"):
+    with pytest.raises(InputDataError, match="no building 'tower' in the portfolio; it has hall"):
         read_portfolio(_write(tmp_path, GOOD)).get_building("tower")
     with pytest.raises(InputDataError, match=r"no registry at .*nothing\.yaml"):
         read_portfolio(tmp_path / "nothing.yaml")

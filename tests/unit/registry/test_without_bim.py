@@ -24,7 +24,7 @@ MESH = {"map": "EPSG:25832", "vertical": "ellipsoidal"}
 
 
 def registered(folder: Path, **changes: Any) -> Building:
-    """The registry's building ``hall`` with changed keys."""
+    """The portfolio's building ``hall`` with changed keys."""
     entry = {
         "id": "hall",
         "name": "Town hall",
