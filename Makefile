@@ -20,7 +20,7 @@ $(shell rm -f $(STAMP))
 endif
 endif
 
-.PHONY: help setup demo test lint format types directions doctor clean distclean
+.PHONY: help setup demo test lint format types directions unused doctor clean distclean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1|\2/' | column -t -s '|' 2>/dev/null \
@@ -39,7 +39,7 @@ demo: setup  ## generate the demo building, inspect its two campaigns and show t
 test: setup  ## run all tests; choose with PYTEST_ARGS="tests/unit -k geodesy"
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
 
-lint: format types directions  ## check style, types and the direction of imports
+lint: format types directions unused  ## check style, types, the direction of imports and unused code
 
 format: setup
 	$(BIN)/ruff check .
@@ -50,6 +50,9 @@ types: setup
 
 directions: setup
 	$(BIN)/lint-imports --no-logo
+
+unused: setup
+	$(BIN)/vulture
 
 doctor: setup  ## say what is missing on this machine, and how to get it
 	@$(BIN)/facadelake doctor

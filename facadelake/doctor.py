@@ -1,4 +1,4 @@
-"""Check this machine: system libraries, rendering, native packages, disk space for the lake, detector models.
+"""Check this machine: system libraries, rendering, native packages, disk space for the next campaign, detector models.
 
 Native packages are loaded in separate processes: a crash there is a line in the report, and no two native libraries are
 loaded into one process.

@@ -223,20 +223,6 @@ class DemoRecipe(RecipePart):
                 )
         return self
 
-    def scale_photographs(self, *, width_px: int) -> DemoRecipe:
-        """The recipe with photographs of another width, for quick tests."""
-        f = width_px / self.optics.width_px
-        sizes = {k: getattr(self.optics, k) * f for k in ("fx_px", "fy_px", "cx_px", "cy_px")}
-        optics = self.optics.model_copy(
-            update={
-                **sizes,
-                "width_px": width_px,
-                "height_px": round(self.optics.height_px * f),
-                "pitch_um": self.optics.pitch_um / f,
-            }
-        )
-        return self.model_copy(update={"optics": optics})
-
 
 def load_recipe(path: Path) -> DemoRecipe:
     """The recipe of a YAML file; raises InputDataError that lists every wrong key."""

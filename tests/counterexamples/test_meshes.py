@@ -35,7 +35,7 @@ def refused(kind: type[FacadelakeError], path: Path, settings: MeshModelSettings
         (
             "v 0 0 0\nv 20000 0 0\nv 0 0 9000\nf 1 2 3\n",
             "hall.obj is 20,000 m across with a unit of 1.0 m (a building has 1 to 5,000 m); set crs.unit in the "
-            "registry (metre, millimetre, foot, us_survey_foot), or crop the mesh to the building",
+            "portfolio (metre, millimetre, foot, us_survey_foot), or crop the mesh to the building",
         ),
         (
             WALL,

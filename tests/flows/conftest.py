@@ -10,6 +10,7 @@ import yaml
 
 from facadelake.demo.generate import generate_demo
 from facadelake.demo.recipe import load_recipe
+from tests.synthetic.demo_recipe import scale_photographs
 
 RECIPE = Path(__file__).parents[2] / "data" / "demo" / "recipe.yaml"
 CAMPAIGN = "2026-04"
@@ -28,7 +29,7 @@ class SmallPortfolio:
 @pytest.fixture(scope="session")
 def small(tmp_path_factory: pytest.TempPathFactory) -> SmallPortfolio:
     """The demo building at half its resolution, photographed from the orbit alone."""
-    recipe = load_recipe(RECIPE).scale_photographs(width_px=800)
+    recipe = scale_photographs(load_recipe(RECIPE), width_px=800)
     first = recipe.campaigns[0]
     flight = first.flight.model_copy(update={"close": []})
     campaign = first.model_copy(update={"id": CAMPAIGN, "flight": flight})

@@ -25,7 +25,7 @@ def test_this_machine_is_ready_once_set_up(tmp_path: Path) -> None:
     assert lacking == []
     names = [check.name for check in checks]
     assert len(names) == len(set(names))
-    assert {"Python", "DuckDB extensions", "pycolmap", "Open3D", "disk space for the lake"} <= set(names)
+    assert {"Python", "DuckDB extensions", "pycolmap", "Open3D", "disk space for the next campaign"} <= set(names)
     assert not (tmp_path / "lake").exists()
 
 

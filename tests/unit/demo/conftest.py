@@ -9,6 +9,7 @@ import pytest
 from facadelake.demo import generate
 from facadelake.demo.generate import DemoFiles, generate_demo
 from facadelake.demo.recipe import DemoRecipe, load_recipe
+from tests.synthetic.demo_recipe import scale_photographs
 
 RECIPE = Path(__file__).parents[3] / "data" / "demo" / "recipe.yaml"
 
@@ -28,7 +29,7 @@ def small_recipe(recipe: DemoRecipe) -> DemoRecipe:
         first.model_copy(update={"id": name, "flight": flight, "light": light}) for name in ("before", "after")
     )
     defects = [d.model_copy(update={"states": ["absent", "present"]}) for d in recipe.defects]
-    return recipe.scale_photographs(width_px=900).model_copy(
+    return scale_photographs(recipe, width_px=900).model_copy(
         update={
             "campaigns": [before, after],
             "defects": defects,

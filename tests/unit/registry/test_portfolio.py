@@ -123,5 +123,5 @@ def test_all_mistakes_are_reported_at_once_and_ids_are_unique(tmp_path: Path) ->
 def test_unknown_building_and_missing_registry_name_what_there_is(tmp_path: Path) -> None:
     with pytest.raises(InputDataError, match="no building 'tower' in the portfolio; it has hall"):
         read_portfolio(_write(tmp_path, GOOD)).get_building("tower")
-    with pytest.raises(InputDataError, match=r"no registry at .*nothing\.yaml"):
+    with pytest.raises(InputDataError, match=r"there is no portfolio at .*nothing\.yaml"):
         read_portfolio(tmp_path / "nothing.yaml")
