@@ -103,7 +103,7 @@ def _cells(run: str, figures: dict[str, Any], seconds: float) -> list[str]:
     def number(value: float | None, digits: int = 2) -> str:
         return "-" if value is None else f"{value:.{digits}f}"
 
-    points, honesty = figures["check_points"], figures["sigma_honesty"]
+    points, consistency = figures["check_points"], figures["covariance_consistency"]
     shares = ("coverage_2sigma", _SINGLE, _DEFECTS)
     return [
         run,
@@ -117,6 +117,6 @@ def _cells(run: str, figures: dict[str, Any], seconds: float) -> list[str]:
         f"{points['lost']} / {points['duplicated']} / {points['false_defects']}",
         f"{points['near_apart']}/{points['near_pairs']}",
         " / ".join(number(figures[key]) for key in shares),
-        f"{number(honesty['observations']['nees'])} / {number(honesty['defects']['nees'])}",
+        f"{number(consistency['observations']['nees'])} / {number(consistency['defects']['nees'])}",
         f"{seconds:.0f}",
     ]

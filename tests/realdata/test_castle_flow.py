@@ -27,7 +27,7 @@ KEYS = {
     "roundtrip_cm", "merge", "element_correct_share", "off_truth", "coverage_2sigma",
     "coverage_2sigma_observations", "coverage_2sigma_defects", "roundtrip_defects_px", "roundtrip_defects_cm",
     "element_correct_share_defects",
-    "sigma_honesty", "check_points", "table2",
+    "covariance_consistency", "check_points", "table2",
 }  # fmt: skip
 
 

@@ -70,7 +70,7 @@ class CampaignFigures:
             "roundtrip_defects_px": self.roundtrip_defects_px.mean,
             "roundtrip_defects_cm": self.roundtrip_defects_cm.mean,
             "element_correct_share_defects": self.element_correct_share_defects,
-            "sigma_honesty": {name: one.convert_to_json() for name, one in self._list_consistency()},
+            "covariance_consistency": {name: one.convert_to_json() for name, one in self._list_consistency()},
             "check_points": self.check_points.convert_to_json(),
             "table2": self.table2.convert_to_json(),
         }

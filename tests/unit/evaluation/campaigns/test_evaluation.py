@@ -129,7 +129,7 @@ def test_json_has_exactly_the_agreed_keys(tmp_path: Path) -> None:
         "roundtrip_cm", "merge", "element_correct_share", "off_truth", "coverage_2sigma",
         "coverage_2sigma_observations", "coverage_2sigma_defects", "roundtrip_defects_px", "roundtrip_defects_cm",
         "element_correct_share_defects",
-        "sigma_honesty", "check_points", "table2",
+        "covariance_consistency", "check_points", "table2",
     ]  # fmt: skip
     assert list(content["photographs"]) == ["total", "localised"]
     assert list(content["ray_error_m"]) == STATS
