@@ -1,6 +1,6 @@
 -- table: poses
 -- grain: pose
--- meaning: a found pose has a 6 x 6 covariance, symmetric and with positive variances, that its sigmas are of
+-- meaning: a localised photograph's pose has a 6 x 6 covariance, symmetric, with positive variances that agree with its sigmas
 SELECT photo_id, pose_source, sigma_east_m, sigma_north_m, sigma_up_m, covariance
 FROM poses
 WHERE CASE

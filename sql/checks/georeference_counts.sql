@@ -1,6 +1,6 @@
 -- table: georeference
 -- grain: campaign
--- meaning: not more points were used than offered, and the residuals are in order
+-- meaning: no more points were used than given, and the mean residual does not exceed the maximum
 SELECT control, points_used, points_total, residual_mean_m, residual_rmse_m, residual_max_m
 FROM georeference
 WHERE points_used > points_total

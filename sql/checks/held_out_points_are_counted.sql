@@ -1,6 +1,6 @@
 -- table: georeference
 -- grain: campaign
--- meaning: the passport counts its held-out and check points, and tells what was left there
+-- meaning: the passport's numbers and residuals of held-out and check points agree with its points
 SELECT g.check_points, counted.points, g.check_residual_mean_m, g.check_residual_max_m, counted.largest_m
 FROM georeference AS g, (
     SELECT

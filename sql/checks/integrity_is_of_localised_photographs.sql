@@ -1,6 +1,6 @@
 -- table: integrity_views
 -- grain: view
--- meaning: integrity was looked at in localised photographs alone, and a compared view has its figures
+-- meaning: only localised photographs have integrity rows, a compared view has its SSIM, any other a reason
 SELECT i.photo_id, i.integrity_outcome, i.ssim, p.pose_source
 FROM integrity_views AS i
 LEFT JOIN poses AS p USING (photo_id)

@@ -1,6 +1,6 @@
 -- table: merges
 -- grain: pair
--- meaning: a pair is of two registered observations, named once, each with the defect it belongs to
+-- meaning: a pair is of two registered observations, listed once, each with the defect it belongs to
 SELECT m.detection_id, m.other_detection_id, m.defect_id, a.defect_id AS belongs_to, m.other_defect_id,
        b.defect_id AS other_belongs_to, count(*) AS times
 FROM merges AS m

@@ -3,7 +3,7 @@
 -- {allowed_m}: 0.1 + spread_m + coalesce(abs(deviation_from_model_m), 0) | 0.02
 -- table: {table}
 -- grain: row
--- meaning: a patch is a polygon in 3D around the position in its row, but for its spread and its deviation from the model
+-- meaning: a patch is a polygon in 3D around the position in its row, within its spread and its deviation from the model
 SELECT {key}, lon_deg, lat_deg, height_ellipsoidal_m, patch_size_m, gap_m
 FROM (
     SELECT

@@ -1,6 +1,6 @@
 -- table: observations
 -- grain: observation
--- meaning: registered observations alone belong to a defect, which exists and has their class or outvotes it
+-- meaning: only registered observations belong to a defect; it exists and has their class, or the class of the majority
 SELECT o.detection_id, o.observation_outcome, o.defect_id, o.defect_class, d.defect_class AS class_of_defect
 FROM observations AS o
 LEFT JOIN defects AS d USING (defect_id)

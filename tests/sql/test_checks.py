@@ -49,10 +49,10 @@ COUNTEREXAMPLES = {
     "covariances_of_defects": _set("defects", sigma_up_m=0.02),
     "covariances_of_observations": _set("observations", covariance_site=[1e-4] * 9),
     "covariances_of_poses": _set("poses", sigma_up_m=0.02),
-    "counts_of_the_campaign": _set("campaigns", defects_total=99),
-    "defects_are_seen_as_often_as_they_say": _set("defects", photo_count=7),
+    "counts_of_campaigns_agree": _set("campaigns", defects_total=99),
+    "photo_counts_of_defects_agree": _set("defects", photo_count=7),
     "detections_are_in_known_photographs": _set("detections", photo_id="closerange/elsewhere.jpg"),
-    "detections_refused_have_a_reason": _set("detections", detection_outcome="bad_box"),
+    "rejected_detections_have_a_reason": _set("detections", detection_outcome="bad_box"),
     "elements_of_defects": _set("defects", element_guid="0" * 22),
     "elements_of_observations": _set("observations", element_guid="0" * 22),
     "held_out_points_are_counted": lambda made: made["georeference_points"].pop(),
@@ -60,22 +60,22 @@ COUNTEREXAMPLES = {
     "geometry_of_poses": _swapped("poses"),
     "georeference_counts": _set("georeference", points_used=50),
     "integrity_is_of_localised_photographs": _set("poses", pose_source="unlocalised"),
-    "map_crs_is_one": _set("georeference", map_crs="EPSG:25833"),
+    "map_crs_is_unique": _set("georeference", map_crs="EPSG:25833"),
     "merges_are_of_registered_observations": _set("merges", other_detection_id="stranger"),
-    "merges_say_what_was_done": _set("merges", merge_decision="apart", merge_reason="no_overlap"),
+    "merge_decisions_agree_with_defects": _set("merges", merge_decision="apart", merge_reason="no_overlap"),
     "normals_of_defects": _set("defects", normal_y=-0.5),
     "normals_of_observations": _set("observations", normal_y=-0.5),
-    "observations_refused_have_a_reason": _set("observations", observation_outcome="masked"),
+    "unregistered_observations_have_a_reason": _set("observations", observation_outcome="masked"),
     "patches_of_defects": _set("defects", patch=_patch_at(0.0, 1.0)),
     "patches_of_observations": _set("observations", patch=_patch_at(0.5, 0.0)),
-    "photographs_refused_have_a_reason": _set("photos", photo_outcome="duplicate"),
-    "poses_are_whole": _set("poses", qw=0.5),
-    "registered_observations_are_whole": _set("observations", gsd_mm=None),
+    "rejected_photographs_have_a_reason": _set("photos", photo_outcome="duplicate"),
+    "poses_are_complete": _set("poses", qw=0.5),
+    "registered_observations_are_complete": _set("observations", gsd_mm=None),
     "registered_observations_belong_to_a_defect": _no_defect,
-    "run_ends_after_it_began": lambda made: made["runs"][0].update(
+    "runs_end_after_they_start": lambda made: made["runs"][0].update(
         started_at=made["runs"][0]["finished_at"].replace(year=2030)
     ),
-    "triangulated_defects_are_seen_twice": _set("defects", photo_count=1),
+    "triangulated_defects_have_two_photographs": _set("defects", photo_count=1),
     "unlocalised_photographs_register_nothing": _set("observations", observation_outcome="unlocalised"),
 }
 
@@ -119,7 +119,7 @@ def test_the_small_campaign_fails_no_check_and_a_changed_one_that_check_alone() 
     assert _failures(rows()) == {}
     made = rows()
     made["defects"][0].update(photo_count=7)
-    assert _failures(made) == {"sql:defects_are_seen_as_often_as_they_say": 1}
+    assert _failures(made) == {"sql:photo_counts_of_defects_agree": 1}
 
 
 def _changed(place: int, value: float) -> list[float]:
@@ -198,7 +198,7 @@ def test_a_deviation_moves_a_defect_off_its_patch(connection: duckdb.DuckDBPyCon
     made["defects"][0].update(deviation_from_model_m=-0.4, deviation_sigma_m=0.01)
     assert _found(connection, "patches_of_defects", made) == 0
     made["defects"][0].update(deviation_sigma_m=None)
-    assert _found(connection, "triangulated_defects_are_seen_twice", made) == 1
+    assert _found(connection, "triangulated_defects_have_two_photographs", made) == 1
 
 
 def test_outvoted_observation_may_have_another_class_than_its_defect(connection: duckdb.DuckDBPyConnection) -> None:
@@ -226,11 +226,11 @@ def test_pairs_that_say_something_else_than_the_tables(connection: duckdb.DuckDB
     for merges in consistent:
         made = rows(sightings=3)
         made["merges"] = merges
-        assert _found(connection, "merges_say_what_was_done", made) == 0
+        assert _found(connection, "merge_decisions_agree_with_defects", made) == 0
         assert _found(connection, "merges_are_of_registered_observations", made) == 0
     for name, merges in (
-        ("merges_say_what_was_done", [_merge(one, "closerange/p1.jpg#1", "joined", **other)]),
-        ("merges_say_what_was_done", [_merge(one, two, "joined"), _merge(one, three, "apart")]),
+        ("merge_decisions_agree_with_defects", [_merge(one, "closerange/p1.jpg#1", "joined", **other)]),
+        ("merge_decisions_agree_with_defects", [_merge(one, two, "joined"), _merge(one, three, "apart")]),
         ("merges_are_of_registered_observations", [_merge(one, two, "joined", **other)]),
         ("merges_are_of_registered_observations", [_merge(one, one, "joined")]),
         ("merges_are_of_registered_observations", [_merge(one, two, "joined"), _merge(one, two, "joined")]),

@@ -1,6 +1,6 @@
 -- table: merges
 -- grain: pair
--- meaning: joined pairs are of one defect; pairs kept apart are of two, unless others join them
+-- meaning: joined pairs are of one defect; pairs kept apart are of two, unless further pairs join them
 WITH joined AS (
     SELECT detection_id AS one FROM merges WHERE merge_decision = 'joined'
     UNION

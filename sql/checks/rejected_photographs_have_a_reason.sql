@@ -1,6 +1,6 @@
 -- table: photos
 -- grain: photograph
--- meaning: a photograph that is not accepted says why, an accepted one has its size and role
+-- meaning: a photograph that is not accepted has a reason, an accepted one has its size and role
 SELECT photo_id, photo_outcome, reason, image_width_px, image_height_px, role
 FROM photos
 WHERE CASE

@@ -1,6 +1,6 @@
 -- table: defects
 -- grain: defect
--- meaning: a defect's photo_count are the photographs of its observations, at least one
+-- meaning: a defect's photo_count is the number of photographs with its observations, at least one
 SELECT d.defect_id, d.photo_count, count(DISTINCT o.photo_id) AS photographs
 FROM defects AS d
 LEFT JOIN observations AS o USING (defect_id)

@@ -1,6 +1,6 @@
 -- table: poses
 -- grain: pose
--- meaning: a found pose has a centre, a unit quaternion, intrinsics and a point; one not found has none, or its prior, and says why
+-- meaning: a localised pose has a centre, a unit quaternion, intrinsics and a point; any other has none, or its prior, and a reason
 SELECT photo_id, pose_source, qw, qx, qy, qz, x_site_m, lon_deg, fx_px, reason
 FROM poses
 WHERE CASE
