@@ -99,15 +99,15 @@ def _show(lake: object, every: bool) -> None:
         for name in ("stage", "key", "size", "last used", "of a version"):
             table.add_column(name, justify="right" if name == "size" else "left")
         for entry in entries:
-            size, used = _size(entry.size_bytes), _age(entry.used_at_s)
+            size, used = _format_size(entry.size_bytes), _format_age(entry.used_at_s)
             table.add_row(entry.stage, entry.key, size, used, "yes" if entry.key in needed else "")
     else:
         for name in ("stage", "results", "size", "last used", "of a version"):
             table.add_column(name, justify="left" if name in ("stage", "last used") else "right")
         for stage in sorted({entry.stage for entry in entries}):
             of_stage = [entry for entry in entries if entry.stage == stage]
-            size = _size(sum(entry.size_bytes for entry in of_stage))
-            used = _age(max(entry.used_at_s for entry in of_stage))
+            size = _format_size(sum(entry.size_bytes for entry in of_stage))
+            used = _format_age(max(entry.used_at_s for entry in of_stage))
             count = sum(entry.key in needed for entry in of_stage)
             table.add_row(stage, str(len(of_stage)), size, used, str(count))
     console.print(table)
@@ -133,16 +133,16 @@ def _parse_size(text: str) -> int:
 
 def _count(entries: Iterable[CacheEntry]) -> str:
     found = list(entries)
-    return f"{len(found)} results, {_size(sum(entry.size_bytes for entry in found))}"
+    return f"{len(found)} results, {_format_size(sum(entry.size_bytes for entry in found))}"
 
 
-def _size(size_bytes: int) -> str:
+def _format_size(size_bytes: int) -> str:
     from pydantic import ByteSize
 
     return ByteSize(size_bytes).human_readable(separator=" ")
 
 
-def _age(used_at_s: float) -> str:
+def _format_age(used_at_s: float) -> str:
     age_s = max(0.0, time.time() - used_at_s)
     if age_s < 2 * _SECONDS["h"]:
         return f"{age_s / 60:.0f} min ago"

@@ -23,10 +23,10 @@ def build_document() -> str:
     """The text of docs/tables.md."""
     index = ["| table | a row is a | says |", "|---|---|---|"]
     index += [f"| [{table.name}](#{table.name}) | {table.grain} | {table.meaning} |" for table in LAKE_TABLES.values()]
-    return "\n".join([HEADER, *index, "", *(line for table in LAKE_TABLES.values() for line in _table(table))])
+    return "\n".join([HEADER, *index, "", *(line for table in LAKE_TABLES.values() for line in _format_table(table))])
 
 
-def _table(table: Table) -> Iterator[str]:
+def _format_table(table: Table) -> Iterator[str]:
     yield f"## {table.name}"
     yield ""
     yield f"One row per {table.grain}: {table.meaning}. Key: {', '.join(f'`{name}`' for name in table.key)}."
@@ -37,12 +37,12 @@ def _table(table: Table) -> Iterator[str]:
     for column in table.columns:
         if column.name not in RUN_KEYS:
             empty = "yes" if column.name in table.optional else ""
-            cells = (f"`{column.name}`", column.kind, column.unit, column.meaning, _allowed(column), empty)
+            cells = (f"`{column.name}`", column.kind, column.unit, column.meaning, _format_allowed(column), empty)
             yield f"| {' | '.join(str(cell).replace('|', chr(92) + '|') for cell in cells)} |"
     yield ""
 
 
-def _allowed(column: Column) -> str:
+def _format_allowed(column: Column) -> str:
     if column.allowed:
         return ", ".join(column.allowed)
     low, high = column.minimum, column.maximum

@@ -24,10 +24,10 @@ def derive_expectations(table: Table) -> tuple[Expectation, ...]:
 
     A table whose key is run keys alone has one row.
     """
-    return tuple(_expectations(table))
+    return tuple(_derive_column_expectations(table))
 
 
-def _expectations(table: Table) -> Iterator[Expectation]:
+def _derive_column_expectations(table: Table) -> Iterator[Expectation]:
     columns = [column for column in table.columns if column.name not in RUN_KEYS]
     key = tuple(name for name in table.key if name not in RUN_KEYS)
     yield Expectation(

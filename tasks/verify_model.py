@@ -38,7 +38,7 @@ def verify_model(job: InspectionJob, model: StageResult, block: StageResult | No
         if building.surface_kind is SurfaceKind.AS_BUILT:
             table = record_uncompared_views(posed, NOTHING_INDEPENDENT, IntegrityOutcome.NO_MODEL)
         else:
-            table = _compared(posed, building, block, placed, folder)
+            table = _compare_views(posed, building, block, placed, folder)
         write_table("integrity_views", table, folder)
         return Counter(table.column("integrity_outcome").to_pylist())
 
@@ -47,7 +47,7 @@ def verify_model(job: InspectionJob, model: StageResult, block: StageResult | No
     )
 
 
-def _compared(
+def _compare_views(
     posed: Mapping[str, PosedCamera],
     building: BuildingModel,
     block: StageResult | None,

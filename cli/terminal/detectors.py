@@ -50,8 +50,8 @@ def _show_figures(console: Console, figures: DetectorFigures) -> None:
             ("class", "truths", "AP50", "95 % by sites", "by photographs", "AP50:95", *_COUNTS, "ECE", "expected"),
             [
                 (
-                    one.defect_class, str(one.truths), _share(one.ap50), _interval(one.ap50_by_sites),
-                    _interval(one.ap50_by_photographs), _share(one.ap50_95), *_counts(one.operating),
+                    one.defect_class, str(one.truths), _share(one.ap50), _format_interval(one.ap50_by_sites),
+                    _format_interval(one.ap50_by_photographs), _share(one.ap50_95), *_format_counts(one.operating),
                     _share(one.calibration.ece), _share(one.calibration.expected_precision),
                 )
                 for one in figures.classes
@@ -65,7 +65,7 @@ def _show_figures(console: Console, figures: DetectorFigures) -> None:
             [
                 (
                     one.site, one.defect_class, str(one.photographs), str(one.truths), _share(one.ap50),
-                    _share(one.ap50_95), *_counts(one.operating),
+                    _share(one.ap50_95), *_format_counts(one.operating),
                 )
                 for one in ordered[:_MOST_SITES]
             ],
@@ -112,7 +112,7 @@ def _show_image_level(console: Console, figures: ImageLevelFigures) -> None:
         [
             (
                 one.defect_class, str(one.with_defect), str(one.sound), _share(one.auroc),
-                _interval(one.auroc_by_sites), _share(one.average_precision), _share(one.recall),
+                _format_interval(one.auroc_by_sites), _share(one.average_precision), _share(one.recall),
                 _share(one.false_alarm_share),
             )
             for one in figures.classes
@@ -124,7 +124,7 @@ def _show_image_level(console: Console, figures: ImageLevelFigures) -> None:
 _COUNTS = ("precision", "recall", "F1", "hits / false / missed")
 
 
-def _counts(one: OperatingPoint) -> tuple[str, ...]:
+def _format_counts(one: OperatingPoint) -> tuple[str, ...]:
     return (
         _share(one.precision),
         _share(one.recall),
@@ -151,5 +151,5 @@ def _share(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
-def _interval(interval: BootstrapInterval | None) -> str:
+def _format_interval(interval: BootstrapInterval | None) -> str:
     return "-" if interval is None else f"{interval.low:.2f} to {interval.high:.2f}"

@@ -47,7 +47,7 @@ def show_import(console: Console, done: ReviewImport) -> None:
         console.print(f"{done.added.added} reviews added in lake version {done.added.version}", end="")
         console.print(f", {done.added.unchanged} were already there" if done.added.unchanged else "")
     _print_some(console, f"{len(done.parsed.remarks)} entries were not used:", done.parsed.remarks)
-    _unmatched(console, done.unmatched)
+    _show_unmatched(console, done.unmatched)
 
 
 def show_reviews(console: Console, campaigns: Sequence[ReviewedCampaign], *, lines: bool) -> None:
@@ -75,10 +75,10 @@ def show_reviews(console: Console, campaigns: Sequence[ReviewedCampaign], *, lin
                 highlight=False,
             )
     for campaign in campaigns if not lines else ():
-        _unmatched(console, campaign.status.unmatched)
+        _show_unmatched(console, campaign.status.unmatched)
 
 
-def _unmatched(console: Console, reviews: Sequence[Review]) -> None:
+def _show_unmatched(console: Console, reviews: Sequence[Review]) -> None:
     told = [f"{word.verdict} {word.reviewed_class} at {word.subject}" for word in reviews]
     _print_some(console, f"{len(told)} reviews are of detections that the campaign no longer has:", told)
 

@@ -40,7 +40,7 @@ def validate(tables: Mapping[str, pa.Table]) -> pa.Table:
                 f"table {name} has the columns {stage[name].schema.to_string()}; "
                 f"schemas/ wants {get_stage_schema(name).to_string()}"
             )
-    return table_from_rows("checks", [*_each_table(stage), *check_across_tables(stage)])
+    return table_from_rows("checks", [*_check_tables(stage), *check_across_tables(stage)])
 
 
 def select_failures(checks: pa.Table) -> pa.Table:
@@ -57,7 +57,7 @@ def format_failures(checks: pa.Table) -> str:
     return "\n".join(lines)
 
 
-def _each_table(tables: Mapping[str, pa.Table]) -> list[dict[str, Any]]:
+def _check_tables(tables: Mapping[str, pa.Table]) -> list[dict[str, Any]]:
     facadelake.core.environment.set_environment_defaults()
     # Great Expectations takes seconds to import; only a run that validates pays for it.
     import great_expectations as gx
@@ -76,17 +76,17 @@ def _each_table(tables: Mapping[str, pa.Table]) -> list[dict[str, Any]]:
         )
         wanted = derive_expectations(TABLES[name])
         suite = gx.ExpectationSuite(
-            name=name, expectations=[_great(gx.expectations, one, n) for n, one in enumerate(wanted)]
+            name=name, expectations=[_build_expectation(gx.expectations, one, n) for n, one in enumerate(wanted)]
         )
         outcome: Any = batch.validate(
             suite, result_format={"result_format": "BASIC", "partial_unexpected_count": EXAMPLES}
         )
         results = {result.expectation_config.meta["number"]: result for result in outcome.results}
-        rows += [_row(name, one, results[number]) for number, one in enumerate(wanted)]
+        rows += [_build_row(name, one, results[number]) for number, one in enumerate(wanted)]
     return rows
 
 
-def _great(library: Any, expectation: Expectation, number: int) -> Any:
+def _build_expectation(library: Any, expectation: Expectation, number: int) -> Any:
     """The expectation as an object of Great Expectations; its number identifies its result."""
     kind = getattr(library, "".join(word.title() for word in expectation.name.split("_")))
     columns: dict[str, Any] = {}
@@ -97,7 +97,7 @@ def _great(library: Any, expectation: Expectation, number: int) -> Any:
     return kind(**columns, **expectation.settings, meta={"number": number})
 
 
-def _row(table: str, expectation: Expectation, result: Any) -> dict[str, Any]:
+def _build_row(table: str, expectation: Expectation, result: Any) -> dict[str, Any]:
     outcome = result.result
     raised = result.exception_info.get("exception_message") if not result.success else None
     found = outcome.get("partial_unexpected_list", outcome.get("observed_value", raised))
@@ -117,12 +117,12 @@ def check_across_tables(tables: Mapping[str, pa.Table]) -> list[dict[str, Any]]:
     try:
         for name in CHECKED:
             connection.register(name, tables[name])
-        return [_sql_row(connection, check) for check in read_statements(CHECKS)]
+        return [_build_sql_row(connection, check) for check in read_statements(CHECKS)]
     finally:
         connection.close()
 
 
-def _sql_row(connection: duckdb.DuckDBPyConnection, check: SqlStatement) -> dict[str, Any]:
+def _build_sql_row(connection: duckdb.DuckDBPyConnection, check: SqlStatement) -> dict[str, Any]:
     try:
         bad = connection.execute(check.sql).to_arrow_table()
     except duckdb.Error as error:

@@ -69,14 +69,14 @@ def commit_campaign(
     Raises SchemaError for tables that are not as schemas/ declares, StoreError when the lake cannot be written (it
     then stays as it was).
     """
-    run = _checked_run(building_id, campaign_id, run_id, tables, inputs_sha256)
+    run = _check_run(building_id, campaign_id, run_id, tables, inputs_sha256)
     doing = f"committing {building_id} {campaign_id} to the lake {lake}"
     with open_to_write(lake, lock_timeout_s) as connection, wrap_store_errors(doing, _REMEDY):
-        known = _version_of_same_run(connection, run)
+        known = _find_version_of_same_run(connection, run)
         if known is not None:
             logger.info("%s %s is in the lake already, version %d", building_id, campaign_id, known)
             return CommitResult(version=known, changed=False)
-        regraded = _rules_of_regrading(connection, run)
+        regraded = _read_regrading_rules(connection, run)
         version = _replace(connection, run, tables)
     logger.info("%s %s committed as version %d", building_id, campaign_id, version)
     return CommitResult(version=version, changed=True, regraded_before=regraded)
@@ -88,7 +88,7 @@ _REMEDY = (
 )
 
 
-def _checked_run(
+def _check_run(
     building_id: str, campaign_id: str, run_id: str, tables: Mapping[str, pa.Table], inputs_sha256: str
 ) -> _Run:
     if tables.keys() != TABLES.keys():
@@ -117,7 +117,7 @@ _REGRADED = """SELECT d.snapshot_id, d.severity_rule FROM defects AS d JOIN runs
     WHERE building_id = ? AND campaign_id = ? AND d.snapshot_id > r.snapshot_id"""
 
 
-def _version_of_same_run(connection: duckdb.DuckDBPyConnection, run: _Run) -> int | None:
+def _find_version_of_same_run(connection: duckdb.DuckDBPyConnection, run: _Run) -> int | None:
     row = connection.execute(
         "SELECT snapshot_id FROM runs WHERE building_id = ? AND campaign_id = ? "
         "AND inputs_sha256 = ? AND code_sha256 = ? AND configuration = ?",
@@ -131,7 +131,7 @@ def _version_of_same_run(connection: duckdb.DuckDBPyConnection, run: _Run) -> in
     return max(int(version) for version in (*row, *(regraded or ())) if version is not None)
 
 
-def _rules_of_regrading(connection: duckdb.DuckDBPyConnection, run: _Run) -> tuple[str, ...]:
+def _read_regrading_rules(connection: duckdb.DuckDBPyConnection, run: _Run) -> tuple[str, ...]:
     rows = connection.execute(
         f"SELECT DISTINCT severity_rule FROM ({_REGRADED}) ORDER BY severity_rule", [run.building_id, run.campaign_id]
     ).fetchall()

@@ -68,7 +68,7 @@ def preview_regrading(lake: Path, *, building_id: str, campaign_id: str | None, 
 
     Raises InputDataError where the lake has no such defects, and what ``grade`` and ``read_table`` raise.
     """
-    return _judged(lake, building_id, campaign_id, rule_file)[0]
+    return _compare_grades(lake, building_id, campaign_id, rule_file)[0]
 
 
 def regrade(
@@ -94,7 +94,7 @@ def regrade(
     if not expected.changes:  # neither this nor a refusal makes a lake or waits for its lock
         return expected
     with open_to_write(lake, lock_timeout_s) as connection:
-        found, changed = _judged(lake, building_id, campaign_id, rule_file)
+        found, changed = _compare_grades(lake, building_id, campaign_id, rule_file)
         with wrap_store_errors(f"regrading {building_id} in the lake {lake}", _REMEDY):
             version = _write(connection, found, changed)
     logger.info("%s regraded by %s as version %d", building_id, found.rules, version)
@@ -111,7 +111,9 @@ def regrade(
 _REMEDY = "no grade was changed; check free space and rights of the lake's folder, then run again"
 
 
-def _judged(lake: Path, building_id: str, campaign_id: str | None, rule_file: Path) -> tuple[Regrading, pa.Table]:
+def _compare_grades(
+    lake: Path, building_id: str, campaign_id: str | None, rule_file: Path
+) -> tuple[Regrading, pa.Table]:
     """The regrading, and the rows that change with their new grades."""
     defects = read_table(lake, "defects", building_id=building_id, campaign_id=campaign_id)
     if not len(defects):
@@ -136,14 +138,14 @@ def _judged(lake: Path, building_id: str, campaign_id: str | None, rule_file: Pa
     found = Regrading(
         building_id=building_id,
         rules=rule_file.stem,
-        changes=_steps(changed),
+        changes=_count_grade_changes(changed),
         unchanged=len(table) - len(changed),
         graded_by_person=len(defects) - len(table),
     )
     return found, changed
 
 
-def _steps(changed: pa.Table) -> tuple[GradeChange, ...]:
+def _count_grade_changes(changed: pa.Table) -> tuple[GradeChange, ...]:
     columns = ("campaign_id", "severity_before", "rule_before", "severity", "severity_rule")
     counts = Counter(zip(*(changed.column(name).to_pylist() for name in columns), strict=True))
     return tuple(
