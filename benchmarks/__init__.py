@@ -1,1 +1,1 @@
-"""What is measured, and against what; never asserted in tests."""
+"""Benchmarks of accuracy, run time and memory. They print figures; tests assert none of them."""

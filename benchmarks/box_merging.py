@@ -1,30 +1,34 @@
-"""The usual ways to make one list of many tiles' boxes, for comparison: NMS, NMM, WBF; boxes of one class alone."""
+"""Common methods of merging the boxes of overlapping tiles, for comparison: NMS, NMM, WBF; boxes of one class."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Boxes = NDArray[np.float64]  # (n, 4): left, top, right, bottom
-Scores = NDArray[np.float64]
+from facadelake.core.arrays import Float64Array, Float64N, Float64Nx4
 
 
-def nms(boxes: Boxes, scores: Scores, *, limit: float = 0.5) -> Boxes:
-    """Greedy suppression: what overlaps a better box by ``limit`` (intersection over union) goes."""
+def suppress_boxes(boxes: Float64Nx4, scores: Float64N, *, limit: float = 0.5) -> Float64Nx4:
+    """Greedy non-maximum suppression (NMS) of boxes (n, 4: left, top, right, bottom).
+
+    A box whose intersection over union with a box of higher score is ``limit`` or more is removed.
+    """
     kept: list[int] = []
     for i in np.argsort(-scores, kind="stable"):
-        if not kept or _overlaps(boxes[i], boxes[kept])[0].max() < limit:
+        if not kept or _compute_overlaps(boxes[i], boxes[kept])[0].max() < limit:
             kept.append(int(i))
     return boxes[kept]
 
 
-def nmm(boxes: Boxes, scores: Scores, *, limit: float = 0.5) -> Boxes:
-    """Greedy merging as SAHI's GREEDYNMM: what overlaps the best box by ``limit`` of the smaller one joins it."""
+def merge_boxes(boxes: Float64Nx4, scores: Float64N, *, limit: float = 0.5) -> Float64Nx4:
+    """Greedy non-maximum merging (NMM) as in SAHI's GREEDYNMM, of boxes (n, 4: left, top, right, bottom).
+
+    A box is merged into the box of highest score where the two share ``limit`` of the smaller one's area.
+    """
     left = np.argsort(-scores, kind="stable")
     out = []
     while len(left):
         best = boxes[left[0]]
-        joins = _overlaps(best, boxes[left])[1] >= limit
+        joins = _compute_overlaps(best, boxes[left])[1] >= limit
         joins[0] = True
         some = boxes[left[joins]]
         out.append(np.concatenate([some[:, :2].min(axis=0), some[:, 2:].max(axis=0)]))
@@ -32,12 +36,16 @@ def nmm(boxes: Boxes, scores: Scores, *, limit: float = 0.5) -> Boxes:
     return np.array(out).reshape(-1, 4)
 
 
-def wbf(boxes: Boxes, scores: Scores, *, limit: float = 0.55) -> Boxes:
-    """Weighted boxes fusion (Solovyev et al. 2021): boxes that overlap a cluster's mean by ``limit`` shift it."""
+def fuse_boxes(boxes: Float64Nx4, scores: Float64N, *, limit: float = 0.55) -> Float64Nx4:
+    """Weighted boxes fusion (WBF; Solovyev et al. 2021) of boxes (n, 4: left, top, right, bottom).
+
+    A box whose intersection over union with a cluster's mean is ``limit`` or more joins the cluster; the mean is
+    weighted by score.
+    """
     members: list[list[int]] = []
-    means: list[NDArray[np.float64]] = []
+    means: list[Float64Array] = []
     for i in np.argsort(-scores, kind="stable"):
-        fits = _overlaps(boxes[i], np.array(means))[0] if means else np.zeros(0)
+        fits = _compute_overlaps(boxes[i], np.array(means))[0] if means else np.zeros(0)
         if len(fits) and fits.max() >= limit:
             k = int(fits.argmax())
             members[k].append(int(i))
@@ -48,8 +56,8 @@ def wbf(boxes: Boxes, scores: Scores, *, limit: float = 0.55) -> Boxes:
     return np.array(means).reshape(-1, 4)
 
 
-def _overlaps(box: NDArray[np.float64], others: Boxes) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Intersection over union, and over the smaller of the two, of a box with others (n, 4)."""
+def _compute_overlaps(box: Float64Array, others: Float64Nx4) -> tuple[Float64Array, Float64Array]:
+    """Intersection over union, and over the smaller area, of a box (4,) with others (n, 4)."""
     sides = np.minimum(box[2:], others[:, 2:]) - np.maximum(box[:2], others[:, :2])
     both = np.prod(np.clip(sides, 0.0, None), axis=1)
     area, areas = np.prod(box[2:] - box[:2]), np.prod(others[:, 2:] - others[:, :2], axis=1)

@@ -1,11 +1,11 @@
-"""Measure how well cracks are measured: width and length of drawn cracks of known width, by width and wall.
+"""Accuracy of crack measurement: width and length of drawn cracks of known width, by width and wall.
 
     .venv/bin/python -m benchmarks.crack_width 20
     .venv/bin/python -m benchmarks.crack_width 20 --masks ../shared/data/defects/masonry_crack_240/dataset
 
-Each crack is drawn by itself, its width going up and down by a third, its darkness, the lens's blur, the noise and the
-JPEG's quality drawn by lot. With ``--masks``: real photographs whose cracks people have painted: what is measured in
-the box about the mask, beside the mask's own width. Prints Markdown, and saves a plot below ``build/``.
+Each photograph shows one crack, whose width varies by a third; its darkness, the blur of the lens, the noise and the
+JPEG quality are random. With ``--masks``: real photographs with cracks masked by hand; the width measured in the
+bounding box of the mask is compared with the width of the mask. Prints Markdown and saves a plot below ``build/``.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import matplotlib
 import numpy as np
 from skimage.morphology import medial_axis
 
-from benchmarks.drawn_cracks import Camera, draw_crack
+from benchmarks.drawn_cracks import ImageDegradation, draw_crack
 from facadelake.measurement.campaign import estimate_photograph_blur, measure_in_photograph
 from facadelake.measurement.crack import CrackMeasurement
 from schemas.vocabulary import CrackWidthOutcome
@@ -31,12 +31,12 @@ import matplotlib.pyplot as plt
 
 WIDTHS_PX = (0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)
 BUILD = Path(__file__).resolve().parent.parent / "build"
-NAMES = ("box_x_px", "box_y_px", "box_width_px", "box_height_px")
+BOX_COLUMNS = ("box_x_px", "box_y_px", "box_width_px", "box_height_px")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """One crack: its true width, what was measured, and its length over the true one (NaN: no line)."""
+    """One crack: true and measured width in pixels, and measured over true length (NaN: no centreline)."""
 
     wall: str
     nominal_px: float
@@ -49,18 +49,18 @@ class Trial:
     seconds: float
 
 
-def drawn(count: int, wall: str) -> list[Trial]:
-    """``count`` cracks of each width on ``wall``."""
+def measure_drawn_cracks(count: int, wall: str) -> list[Trial]:
+    """Draw and measure ``count`` cracks of each width on ``wall`` (``render`` or ``brick``)."""
     out = []
     for width in WIDTHS_PX:
         for seed in range(count):
             rng = np.random.default_rng([seed, round(100 * width)])
-            camera = Camera(
+            degradation = ImageDegradation(
                 blur_px=rng.uniform(0.45, 0.9), noise=rng.uniform(0.004, 0.02), jpeg=int(rng.integers(85, 96))
             )
-            crack = draw_crack(rng, width, wall=wall, camera=camera, darkness=rng.uniform(0.65, 0.95))
+            crack = draw_crack(rng, width, wall=wall, degradation=degradation, darkness=rng.uniform(0.65, 0.95))
             begin = time.perf_counter()
-            found = measure(crack.image, crack.box_px)
+            found = measure_crack(crack.image, crack.box_px)
             out.append(
                 Trial(
                     wall=wall,
@@ -77,30 +77,32 @@ def drawn(count: int, wall: str) -> list[Trial]:
     return out
 
 
-def measure(image: Any, box: tuple[float, float, float, float], mask: str | None = None) -> CrackMeasurement:
-    """What is measured in a box of a picture."""
+def measure_crack(image: Any, box: tuple[float, float, float, float], mask: str | None = None) -> CrackMeasurement:
+    """Measure the crack in a box (left, top, width, height; px) of a photograph; ``mask`` is its outline as WKT."""
     return measure_in_photograph(
-        image, {**dict(zip(NAMES, box, strict=True)), "mask": mask}, estimate_photograph_blur(image)
+        image, {**dict(zip(BOX_COLUMNS, box, strict=True)), "mask": mask}, estimate_photograph_blur(image)
     )
 
 
-def table(trials: list[Trial]) -> str:
-    """A row for each wall and width."""
+def format_table(trials: list[Trial]) -> str:
+    """Markdown table with a row for each wall and width."""
     lines = [
-        "| wall | width px | measured | below limit | no line | bias px | scatter px | within 0.3 px | error / sigma "
-        "| limit px | bounds that hold | length / true |",
+        "| wall | width px | measured | below limit | no centreline | bias px | scatter px | within 0.3 px "
+        "| error / sigma | limit px | true width below limit | length / true |",
         "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for wall in dict.fromkeys(trial.wall for trial in trials):
         for width in WIDTHS_PX:
             here = [trial for trial in trials if (trial.wall, trial.nominal_px) == (wall, width)]
-            told = [trial for trial in here if trial.outcome == CrackWidthOutcome.MEASURED]
+            measured = [trial for trial in here if trial.outcome == CrackWidthOutcome.MEASURED]
             below = [trial for trial in here if trial.outcome == CrackWidthOutcome.BELOW_LIMIT]
-            error = np.array([trial.width_px - trial.true_px for trial in told])
-            pull = np.array([(trial.width_px - trial.true_px) / trial.sigma_px for trial in told])
-            cells = [wall, f"{width:g}", len(told), len(below), len(here) - len(told) - len(below)]
-            cells += [f"{error.mean():+.2f}", f"{error.std():.2f}"] if len(told) else ["", ""]
-            cells += [f"{np.mean(np.abs(error) <= 0.3):.0%}", f"{np.sqrt(np.mean(pull**2)):.1f}"] if told else ["", ""]
+            error = np.array([trial.width_px - trial.true_px for trial in measured])
+            pull = np.array([(trial.width_px - trial.true_px) / trial.sigma_px for trial in measured])
+            cells = [wall, f"{width:g}", len(measured), len(below), len(here) - len(measured) - len(below)]
+            cells += [f"{error.mean():+.2f}", f"{error.std():.2f}"] if len(measured) else ["", ""]
+            cells += (
+                [f"{np.mean(np.abs(error) <= 0.3):.0%}", f"{np.sqrt(np.mean(pull**2)):.1f}"] if measured else ["", ""]
+            )
             limits = [trial.limit_px for trial in here if np.isfinite(trial.limit_px)]
             cells.append(f"{np.median(limits):.1f}" if limits else "")
             cells.append(f"{np.mean([t.true_px <= t.limit_px for t in below]):.0%}" if below else "")
@@ -111,32 +113,34 @@ def table(trials: list[Trial]) -> str:
 
 
 def plot(trials: list[Trial], path: Path) -> None:
-    """Measured over true widths, and the errors."""
+    """Plot measured widths and their errors over the true widths."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(12, 5.5), layout="constrained")
     for wall, colour in (("render", "tab:blue"), ("brick", "tab:red")):
-        told = [t for t in trials if t.wall == wall and t.outcome == CrackWidthOutcome.MEASURED]
+        measured = [t for t in trials if t.wall == wall and t.outcome == CrackWidthOutcome.MEASURED]
         below = [t for t in trials if t.wall == wall and t.outcome == CrackWidthOutcome.BELOW_LIMIT]
-        true, width = (np.array([getattr(t, name) for t in told]) for name in ("true_px", "width_px"))
-        left.errorbar(true, width, [t.sigma_px for t in told], fmt=".", color=colour, lw=0.5, label=f"{wall}: measured")
+        true, width = (np.array([getattr(t, name) for t in measured]) for name in ("true_px", "width_px"))
+        left.errorbar(
+            true, width, [t.sigma_px for t in measured], fmt=".", color=colour, lw=0.5, label=f"{wall}: measured"
+        )
         left.plot(
             [t.true_px for t in below], [t.limit_px for t in below], "v", mfc="none", color=colour, ms=5,
-            label=f"{wall}: upper bound",
+            label=f"{wall}: upper limit",
         )  # fmt: skip
         right.plot(true, width - true, ".", color=colour, label=wall)
     left.plot([0.4, 14], [0.4, 14], "k", lw=0.7)
     left.set(xscale="log", yscale="log", xlabel="true mean width, px", ylabel="measured, px")
     right.axhspan(-0.3, 0.3, color="0.9")
     right.axhline(0, color="k", lw=0.7)
-    right.set(xscale="log", ylim=(-2, 2), xlabel="true mean width, px", ylabel="measured - true, px (grey: the goal)")
+    right.set(xscale="log", ylim=(-2, 2), xlabel="true mean width, px", ylabel="measured - true, px (grey: goal)")
     left.legend()
     right.legend()
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
 
 
-def against_masks(folder: Path, most: int | None) -> str:
-    """What is measured in boxes about painted cracks, beside what the paint says."""
-    pairs = [(image, mask) for image, mask in painted(folder)][:most]
+def compare_with_masks(folder: Path, most: int | None) -> str:
+    """Compare widths measured in the boxes of masked cracks with the widths of the masks; ``most``: first pairs."""
+    pairs = [(image, mask) for image, mask in list_mask_pairs(folder)][:most]
     rows, none = [], 0
     for image_path, mask_path in pairs:
         image, mask = cv2.imread(str(image_path)), cv2.imread(str(mask_path), cv2.IMREAD_GRAYSCALE)
@@ -146,45 +150,48 @@ def against_masks(folder: Path, most: int | None) -> str:
         part = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
         left, top, wide, high, area = (float(value) for value in stats[part])
         skeleton, distance = medial_axis(parts == part, return_distance=True)
-        found = measure(image, (left, top, wide, high))
+        found = measure_crack(image, (left, top, wide, high))
         if found.width is None:
             none += 1
             continue
         reach = max(wide, high)
         rows.append((found, 2 * float(np.mean(distance[skeleton])), area, reach))
-    told = [(found.width.mean_px, width) for found, width, *_ in rows if found.outcome == CrackWidthOutcome.MEASURED]
-    width, of_mask = np.array(told).T
+    measured = [
+        (found.width.mean_px, width) for found, width, *_ in rows if found.outcome == CrackWidthOutcome.MEASURED
+    ]
+    width, of_mask = np.array(measured).T
     spans = np.array([found.length_px / reach for found, *_, reach in rows])
     return (
-        f"{len(pairs)} painted cracks (the largest of each picture): {len(told)} measured, {len(rows) - len(told)} "
-        f"below the limit, {none} without a line. Measured minus painted width: median "
+        f"{len(pairs)} masked cracks (the largest of each photograph): {len(measured)} measured, "
+        f"{len(rows) - len(measured)} below the limit, {none} without a centreline. Measured minus mask width: median "
         f"{np.median(width - of_mask):+.2f} px, quartiles {np.percentile(width - of_mask, 25):+.2f} and "
         f"{np.percentile(width - of_mask, 75):+.2f} px; "
-        f"painted width: median {np.median(of_mask):.1f} px. Length over the longer side of the box: median "
+        f"mask width: median {np.median(of_mask):.1f} px. Length over the longer side of the box: median "
         f"{np.median(spans):.2f}, quartiles {np.percentile(spans, 25):.2f} and {np.percentile(spans, 75):.2f}."
     )
 
 
-def painted(folder: Path) -> list[tuple[Path, Path]]:
-    """Pictures and masks of one name in ``*_images`` and ``*_masks`` below ``folder``."""
+def list_mask_pairs(folder: Path) -> list[tuple[Path, Path]]:
+    """Photographs and masks of one file name in ``*_images`` and ``*_masks`` below ``folder``."""
     masks = {path.name: path for path in sorted(folder.rglob("*.png")) if "mask" in path.parent.name}
     pictures = [path for path in sorted(folder.rglob("*.png")) if "image" in path.parent.name]
     return [(path, masks[path.name]) for path in pictures if path.name in masks]
 
 
 def main() -> None:
-    """Print the tables."""
+    """Run the command line: print the tables and save the plot."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("cracks", type=int, nargs="?", default=10, help="cracks of each width and wall")
-    parser.add_argument("--masks", type=Path, help="a folder of pictures and painted masks")
-    parser.add_argument("--most", type=int, help="pictures with masks at most")
+    parser.add_argument("--masks", type=Path, help="folder of photographs and masks")
+    parser.add_argument("--most", type=int, help="largest number of photographs with masks")
     options = parser.parse_args()
-    trials = [trial for wall in ("render", "brick") for trial in drawn(options.cracks, wall)]
-    print(table(trials))
-    print(f"\nMedian {np.median([trial.seconds for trial in trials]) * 1000:.0f} ms a crack, with the picture's blur.")
+    trials = [trial for wall in ("render", "brick") for trial in measure_drawn_cracks(options.cracks, wall)]
+    print(format_table(trials))
+    median_ms = np.median([trial.seconds for trial in trials]) * 1000
+    print(f"\nMedian {median_ms:.0f} ms per crack, with the blur of the photograph.")
     plot(trials, BUILD / "crack_width.png")
     if options.masks:
-        print(against_masks(options.masks, options.most))
+        print(compare_with_masks(options.masks, options.most))
 
 
 if __name__ == "__main__":

@@ -1,13 +1,14 @@
-"""Detectors beside one another on the same real photographs of sites that the default model never learned from.
+"""Comparison of detectors on the same real photographs, of sites that are not in the default model's training data.
 
-    .venv/bin/python -m benchmarks.detector_quality default other.onnx ...      # one Markdown table
-    .venv/bin/python -m benchmarks.detector_quality default --write-card        # and the figures into the first's card
+    .venv/bin/python -m benchmarks.detector_quality default other.onnx ...      # Markdown tables
+    .venv/bin/python -m benchmarks.detector_quality default --write-card        # also writes the first model's card
 
-Every model needs its card; the classical crack filter is always beside them. Cracks: the test split of
-`training/data/sites.yaml` (only the models trained by us are known not to have seen it) and, never learned from by us,
-boxes about the masks of `masonry_crack_240`. Spalling: a COCO folder, if one is given (`training.data.judged`).
-Moisture: mould indoors. False alarms at each card's threshold: the castle's facade, by area from its model and
-published cameras; held-out facades, by area; a street, by photograph. Whole photographs: AUROC.
+Every model needs its card; the classical ridge filter is always included. Cracks: the test split of
+`training/data/sites.yaml` (known to be unused for our own models only) and bounding boxes of the masks of
+`masonry_crack_240`, which is in no training data of ours. Spalling: a COCO folder, if given
+(`training.data.judged`). Moisture: mould in interiors. False alarms at the threshold of each card: the
+castle's facade, per area by its model and published cameras; facades of the test split, per area; a street, per
+photograph. Labels of whole photographs: AUROC.
 """
 
 from __future__ import annotations
@@ -20,16 +21,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from benchmarks.classical_cracks import ClassicalCracks
+from benchmarks.classical_cracks import RidgeCrackFilter
 from benchmarks.detector_sets import (
-    castle_facade,
-    crack_images,
-    facades,
-    masonry,
-    mould,
-    spalling,
-    street,
-    with_sources,
+    assign_source_images,
+    open_castle_facade,
+    open_crack_images,
+    open_facades,
+    open_masonry,
+    open_mould,
+    open_spalling,
+    open_street,
 )
 from benchmarks.foundation import SHARED
 from facadelake.detection import Crosswalk, build_crosswalk
@@ -48,17 +49,17 @@ from facadelake.evaluation.detectors.predictions import PredictionSource, collec
 from facadelake.evaluation.detectors.sources import OnnxPredictionSource
 from schemas.vocabulary import DefectClass
 
-WHOLE = (
+IMAGE_LABELLED_SETS = (
     SHARED / "defects" / "spalling_patches_130",
     SHARED / "defects" / "wall_crops" / "crops",
     SHARED / "defects" / "mould_indoor",
 )
-_NOTHING = LabelledSet(name="", label_format="", images=())
+_EMPTY_SET = LabelledSet(name="", label_format="", images=())
 
 
 @dataclass(frozen=True, kw_only=True)
-class Exam:
-    """Photographs with boxes, or (``sound``) without defects, and how the tables call them."""
+class EvaluationSet:
+    """Photographs with boxes, or without defects (``sound``), and their name in the tables."""
 
     name: str
     labelled: LabelledSet
@@ -67,65 +68,85 @@ class Exam:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Row:
-    """One detector's answers, an exam each, and on photographs labelled as a whole; ``sees`` are its classes."""
+class DetectorFigures:
+    """Figures of one detector with ``classes``: by evaluation set, and by set of photographs labelled as a whole."""
 
     name: str
-    sees: frozenset[DefectClass]
+    classes: frozenset[DefectClass]
     judgements: tuple[BoxEvaluation, ...]
-    whole: tuple[ImageLevelFigures, ...]
+    image_level: tuple[ImageLevelFigures, ...]
 
 
-def exams(work: Path, spalling_folder: Path | None) -> list[Exam]:
-    """All of them; ``work`` must last as long as they are used."""
+def open_evaluation_sets(work: Path, spalling_folder: Path | None) -> list[EvaluationSet]:
+    """Open all evaluation sets. Files of some are written to ``work``, which must exist while the sets are in use."""
     found = [
-        Exam(name="cracks, test sites", labelled=crack_images("test"), split="test"),
-        Exam(name="cracks, masonry", labelled=masonry()),
-        Exam(name="moisture, mould indoors", labelled=mould(work)),
-        Exam(name="castle", labelled=castle_facade(work), sound=True),
-        Exam(name="facades", labelled=facades(), split="test", sound=True),
-        Exam(name="street", labelled=street(), split="test", sound=True),
+        EvaluationSet(name="cracks, test sites", labelled=open_crack_images("test"), split="test"),
+        EvaluationSet(name="cracks, masonry", labelled=open_masonry()),
+        EvaluationSet(name="moisture, mould indoors", labelled=open_mould(work)),
+        EvaluationSet(name="castle", labelled=open_castle_facade(work), sound=True),
+        EvaluationSet(name="facades", labelled=open_facades(), split="test", sound=True),
+        EvaluationSet(name="street", labelled=open_street(), split="test", sound=True),
     ]
     if spalling_folder is not None:
-        named = replace(spalling(spalling_folder), name="spalling_web")
-        found.insert(2, Exam(name="spalling", labelled=named, split=spalling_folder.name))
+        named = replace(open_spalling(spalling_folder), name="spalling_web")
+        found.insert(2, EvaluationSet(name="spalling", labelled=named, split=spalling_folder.name))
     return found
 
 
-def measured(
-    looker: PredictionSource, class_names: Sequence[str], crosswalk: Crosswalk, asked: Sequence[Exam], every: int,
+def evaluate_detector(
+    source: PredictionSource,
+    class_names: Sequence[str],
+    crosswalk: Crosswalk,
+    sets: Sequence[EvaluationSet],
+    every: int,
     plots: Path | None,
-) -> Row:  # fmt: skip
-    """All figures of one detector, which names its classes so."""
+) -> DetectorFigures:
+    """Evaluate one detector on all sets.
+
+    Args:
+        source: the detector.
+        class_names: its class names.
+        crosswalk: defect classes by its class names.
+        sets: photographs with boxes or without defects.
+        every: only every n-th photograph of the sets labelled as a whole is used.
+        plots: folder for plots and sheets of photographs; None for no plots.
+    """
     judgements = []
-    for exam in asked:
-        found = collect_predictions(looker, exam.labelled.images, crosswalk)
-        if exam.sound:
-            nothing = collect_predictions(looker, (), crosswalk)
+    for evaluation_set in sets:
+        found = collect_predictions(source, evaluation_set.labelled.images, crosswalk)
+        if evaluation_set.sound:
+            empty = collect_predictions(source, (), crosswalk)
             judgement = evaluate_boxes(
-                looker, _NOTHING, nothing, split=exam.split, negatives=exam.labelled, collected_negatives=found
+                source,
+                _EMPTY_SET,
+                empty,
+                split=evaluation_set.split,
+                negatives=evaluation_set.labelled,
+                collected_negatives=found,
             )
         else:
-            judgement = evaluate_boxes(looker, exam.labelled, found, split=exam.split)
+            judgement = evaluate_boxes(source, evaluation_set.labelled, found, split=evaluation_set.split)
         judgements.append(judgement)
         if plots is not None:
-            folder = plots / looker.name.replace(" ", "-") / exam.name.replace(", ", "-").replace(" ", "-")
+            folder = plots / source.name.replace(" ", "-") / evaluation_set.name.replace(", ", "-").replace(" ", "-")
             write_plots(judgement, folder)
-            write_sheets(judgement, found, found if exam.sound else None, folder)
-    whole = []
-    for path in WHOLE:
+            write_sheets(judgement, found, found if evaluation_set.sound else None, folder)
+    image_level = []
+    for path in IMAGE_LABELLED_SETS:
         opened = open_image_labels(path, crosswalk)
-        opened = replace(opened, labelled=_thinned(with_sources(opened.labelled, path), every))
-        whole.append(
-            evaluate_image_labels(looker, opened, collect_predictions(looker, opened.labelled.images, crosswalk))
+        opened = replace(opened, labelled=_take_every(assign_source_images(opened.labelled, path), every))
+        image_level.append(
+            evaluate_image_labels(source, opened, collect_predictions(source, opened.labelled.images, crosswalk))
         )
     known = {crosswalk.find_defect_class(name) for name in class_names}
-    sees = frozenset(one for one in DefectClass if one in known)
-    return Row(name=looker.name, sees=sees, judgements=tuple(judgements), whole=tuple(whole))
+    classes = frozenset(one for one in DefectClass if one in known)
+    return DetectorFigures(
+        name=source.name, classes=classes, judgements=tuple(judgements), image_level=tuple(image_level)
+    )
 
 
-def tables(rows: Sequence[Row], asked: Sequence[Exam]) -> str:
-    """Boxes, false alarms and whole photographs in Markdown."""
+def format_tables(rows: Sequence[DetectorFigures], sets: Sequence[EvaluationSet]) -> str:
+    """Markdown tables of boxes, false alarms and labels of whole photographs."""
     boxes: list[tuple[str, ...]] = [
         (
             "on", "detector", "AP50", "95 % by sites", "mean of sites", "AP50:95", "precision", "recall", "ECE",
@@ -135,96 +156,99 @@ def tables(rows: Sequence[Row], asked: Sequence[Exam]) -> str:
     alarms: list[tuple[str, ...]] = [
         ("on", "detector", "false alarms", "photographs", "m² at mm a pixel", "per 10 m²", "95 %")
     ]
-    for i, exam in enumerate(asked):
+    for i, evaluation_set in enumerate(sets):
         for row in rows:
             figures = row.judgements[i].figures
             if figures.negatives is not None:
                 gsd = figures.negatives.gsd_mm
-                alarms.append((exam.name, row.name, *_alarm_cells(figures.negatives.rates[0], gsd)))
+                alarms.append((evaluation_set.name, row.name, *_format_alarm_cells(figures.negatives.rates[0], gsd)))
             for one in figures.classes:
-                if one.defect_class not in row.sees:
+                if one.defect_class not in row.classes:
                     continue
                 speed = f"{figures.photographs_per_s:.1f}"
-                boxes.append((exam.name, row.name, *_box_cells(one), speed))
-    whole: list[tuple[str, ...]] = [
-        ("photographs of", "class", "detector", "AUROC", "95 %", "average precision", "with it / sound")
+                boxes.append((evaluation_set.name, row.name, *_format_box_cells(one), speed))
+    image_level: list[tuple[str, ...]] = [
+        ("photographs of", "class", "detector", "AUROC", "95 %", "average precision", "with defect / sound")
     ]
-    for k in range(len(WHOLE)):
+    for k in range(len(IMAGE_LABELLED_SETS)):
         for row in rows:
-            for part in row.whole[k].classes:
-                if part.defect_class not in row.sees:
+            for part in row.image_level[k].classes:
+                if part.defect_class not in row.classes:
                     continue
                 interval = part.auroc_by_sites
-                whole.append(
+                image_level.append(
                     (
-                        row.whole[k].name, str(part.defect_class), row.name, _text(part.auroc),
+                        row.image_level[k].name, str(part.defect_class), row.name, _format_number(part.auroc),
                         "-" if interval is None else f"{interval.low:.2f} to {interval.high:.2f}",
-                        _text(part.average_precision), f"{part.with_defect} / {part.sound}",
+                        _format_number(part.average_precision), f"{part.with_defect} / {part.sound}",
                     )
                 )  # fmt: skip
-    return "\n\n".join(_markdown(part) for part in (boxes, alarms, whole))
+    return "\n\n".join(_format_markdown(part) for part in (boxes, alarms, image_level))
 
 
-def _box_cells(one: ClassFigures) -> tuple[str, ...]:
+def _format_box_cells(one: ClassFigures) -> tuple[str, ...]:
     interval = one.ap50_by_sites
     return (
-        _text(one.ap50),
+        _format_number(one.ap50),
         "-" if interval is None else f"{interval.low:.2f} to {interval.high:.2f}",
-        _text(one.mean_ap50_of_sites),
-        _text(one.ap50_95),
-        _text(one.operating.precision),
-        _text(one.operating.recall),
-        _text(one.calibration.ece),
+        _format_number(one.mean_ap50_of_sites),
+        _format_number(one.ap50_95),
+        _format_number(one.operating.precision),
+        _format_number(one.operating.recall),
+        _format_number(one.calibration.ece),
     )
 
 
-def _alarm_cells(rate: FalseAlarmRate, gsd_mm: float | None) -> tuple[str, ...]:
+def _format_alarm_cells(rate: FalseAlarmRate, gsd_mm: float | None) -> tuple[str, ...]:
     area = "unknown" if rate.area_m2 is None or gsd_mm is None else f"{rate.area_m2:.0f} at {gsd_mm:.1f}"
     interval = "-" if rate.low_per_10_m2 is None else f"{rate.low_per_10_m2:.3f} to {rate.high_per_10_m2:.3f}"
-    return str(rate.count), str(rate.photographs), area, _text(rate.per_10_m2), interval
+    return str(rate.count), str(rate.photographs), area, _format_number(rate.per_10_m2), interval
 
 
-def _markdown(lines: Sequence[Sequence[str]]) -> str:
+def _format_markdown(lines: Sequence[Sequence[str]]) -> str:
     head, *rest = lines
     return "\n".join("| " + " | ".join(line) + " |" for line in (head, ["---"] * len(head), *rest))
 
 
-def _text(value: float | None) -> str:
+def _format_number(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
-def _thinned(labelled: LabelledSet, every: int) -> LabelledSet:
+def _take_every(labelled: LabelledSet, every: int) -> LabelledSet:
     return replace(labelled, images=labelled.images[::every])
 
 
 def main() -> None:
-    """Command line."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("models", nargs="*", default=["default"], help="'default' or ONNX files with their cards")
-    parser.add_argument("--spalling", type=Path, help="COCO folder with boxes of spalling, named by its split")
+    parser.add_argument("--spalling", type=Path, help="COCO folder with boxes of spalling; its name is the split")
     parser.add_argument("--write-card", action="store_true", help="write the first model's figures into its card")
-    parser.add_argument("--plots", type=Path, help="folder for pictures, a folder each")
-    parser.add_argument("--output", type=Path, help="write the tables there, too")
-    parser.add_argument("--every", type=int, default=1, help="only every n-th photograph of all sets, for a trial")
+    parser.add_argument("--plots", type=Path, help="folder for plots, with a subfolder for each detector")
+    parser.add_argument("--output", type=Path, help="also write the tables to this file")
+    parser.add_argument("--every", type=int, default=1, help="use only every n-th photograph of all sets, for a trial")
     options = parser.parse_args()
     if options.write_card and options.every > 1:
-        parser.error("--write-card wants all photographs, not --every n-th")
-    # Where a file lay on this machine is nobody's business: its name and its folder's are.
-    told = ["/".join(Path(word).parts[-2:]) if Path(word).is_absolute() else word for word in sys.argv[1:]]
-    command = shlex.join(["python", "-m", "benchmarks.detector_quality", *told])
+        parser.error("--write-card requires all photographs; omit --every")
+    # Of absolute paths, only the file and its folder are recorded: the rest is specific to this machine.
+    arguments = ["/".join(Path(word).parts[-2:]) if Path(word).is_absolute() else word for word in sys.argv[1:]]
+    command = shlex.join(["python", "-m", "benchmarks.detector_quality", *arguments])
     with tempfile.TemporaryDirectory() as folder:
-        asked = exams(Path(folder), options.spalling)
-        asked = [replace(exam, labelled=_thinned(exam.labelled, options.every)) for exam in asked]
+        sets = open_evaluation_sets(Path(folder), options.spalling)
+        sets = [
+            replace(evaluation_set, labelled=_take_every(evaluation_set.labelled, options.every))
+            for evaluation_set in sets
+        ]
         rows = []
         for i, name in enumerate(options.models):
             path = locate_model_file(name)
-            looker = OnnxPredictionSource(path)
+            source = OnnxPredictionSource(path)
             rows.append(
-                measured(
-                    looker,
-                    looker.card.class_names,
-                    build_crosswalk(looker.card.classes),
-                    asked,
+                evaluate_detector(
+                    source,
+                    source.card.class_names,
+                    build_crosswalk(source.card.classes),
+                    sets,
                     options.every,
                     options.plots,
                 )
@@ -233,9 +257,11 @@ def main() -> None:
             if i == 0 and options.write_card:
                 for judgement in rows[0].judgements:
                     write_results(path, judgement.figures, [], command=command)
-                print(f"written: {write_results(path, None, rows[0].whole, command=command)}", file=sys.stderr)
-        rows.append(measured(ClassicalCracks(), ["crack"], build_crosswalk({}), asked, options.every, options.plots))
-    text = f"# Detectors on real photographs of other sites\n\n`{command}`\n\n{tables(rows, asked)}\n"
+                print(f"written: {write_results(path, None, rows[0].image_level, command=command)}", file=sys.stderr)
+        rows.append(
+            evaluate_detector(RidgeCrackFilter(), ["crack"], build_crosswalk({}), sets, options.every, options.plots)
+        )
+    text = f"# Detectors on real photographs of other sites\n\n`{command}`\n\n{format_tables(rows, sets)}\n"
     print(text)
     if options.output is not None:
         options.output.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""The sets that detectors are compared on, as labelled photographs: real cracks by split, facades without defects."""
+"""Labelled photographs on which detectors are compared: real cracks by split, facades without defects, and others."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.foundation import ROOT, SHARED
-from benchmarks.published_poses import write_published
+from benchmarks.published_poses import write_published_poses
 from facadelake.building import mask_target_elements, read_registered_model
 from facadelake.building.surface import Surface, build_horizontal_distance
+from facadelake.core.arrays import BoolArray
 from facadelake.core.camera import PosedCamera
 from facadelake.core.pose_table import read_posed_cameras
 from facadelake.detection import Box, build_crosswalk
@@ -38,52 +38,52 @@ from schemas.vocabulary import DefectClass
 from training.data.judged import read_drawn, write_coco
 
 SITES = ROOT / "training" / "data" / "sites.yaml"
-_MASK_GAP_PX, _MASK_LEAST_PX = 9, 12
-_WIDTH_PX = 480  # of the images that areas are added up in
-_STEEPEST_DEG = 70.0  # facade seen more grazingly is not counted as looked at
+_MASK_GAP_PX, _MASK_SIZE_MIN_PX = 9, 12
+_RASTER_WIDTH_PX = 480  # width of the raster over which areas are summed
+_INCIDENCE_MAX_DEG = 70.0  # facade at larger incidence does not count as inspected
 
 
-def crack_images(split: str) -> LabelledSet:
-    """Real cracks of both sets that may be learned from, of the sites of a split."""
+def open_crack_images(split: str) -> LabelledSet:
+    """Real cracks of the sites of a split, of both sets with terms that allow training."""
     crosswalk = build_crosswalk({})
     sets = [
         open_labels(SHARED / "defects" / "crack_boxes_640", crosswalk),
         open_labels(SHARED / "defects" / "omu_quay_crack_yolo", crosswalk, class_names=["crack"]),
     ]
-    of_split = [one for one in sets if split in _splits(one.name)]
+    of_split = [one for one in sets if split in _list_splits(one.name)]
     return combine_sets([assign_sites(one, SITES, split) for one in of_split])
 
 
-def facades() -> LabelledSet:
-    """Facades of held-out buildings, presumed free of defects; their scale was judged by eye, to a fifth or so."""
+def open_facades() -> LabelledSet:
+    """Facades of test buildings, presumed free of defects; their scale was estimated by eye, within about 20 %."""
     sound = assign_sites(open_sound_photographs(SHARED / "defects" / "facade_negatives"), SITES, "test")
     return replace(sound, images=assign_scale(sound.images, SITES.with_name("facade_scale.csv")))
 
 
-def street() -> LabelledSet:
-    """Held-out photographs of a street, presumed free of defects, of unknown scale."""
+def open_street() -> LabelledSet:
+    """Photographs of a street of the test split, presumed free of defects, of unknown scale."""
     return assign_sites(open_sound_photographs(SHARED / "drone" / "lund_street"), SITES, "test")
 
 
-def mould(work: Path) -> LabelledSet:
-    """Interiors with mould and without, boxes drawn by us (training/data/drawn_boxes.yaml)."""
+def open_mould(work: Path) -> LabelledSet:
+    """Interiors with and without mould, with our own boxes (training/data/drawn_boxes.yaml), written to ``work``."""
     file = write_coco(read_drawn(SHARED / "defects"), work / "mould_indoor")
     return restrict_to_classes(open_labels(file, build_crosswalk({})), frozenset({DefectClass.MOISTURE}))
 
 
-def spalling(folder: Path) -> LabelledSet:
-    """Boxes of spalling in a COCO folder; other classes are not labelled there, whatever it lists."""
+def open_spalling(folder: Path) -> LabelledSet:
+    """Boxes of spalling in a COCO folder; its other categories are ignored, because their labels are incomplete."""
     return restrict_to_classes(open_labels(folder, build_crosswalk({})), frozenset({DefectClass.SPALLING}))
 
 
-def masonry() -> LabelledSet:
-    """Cracks in masonry, never learned from: boxes about the pieces of the masks, over gaps of a few pixels."""
+def open_masonry() -> LabelledSet:
+    """Cracks in masonry, unused in training: boxes of the mask's components, linked over gaps of a few pixels."""
     folder = SHARED / "defects" / "masonry_crack_240" / "dataset"
-    gathered = LabelCollector(folder)
+    collector = LabelCollector(folder)
     reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (_MASK_GAP_PX, _MASK_GAP_PX))
     for path in find_photographs(folder / "crack_detection_224_images"):
         mask = cv2.imread(str(folder / "crack_detection_224_masks" / path.name), cv2.IMREAD_GRAYSCALE)
-        size = gathered.read_size(path)
+        size = collector.read_size(path)
         if mask is None or size is None:
             continue
         cracked = (mask > 127).astype(np.uint8)
@@ -95,16 +95,16 @@ def masonry() -> LabelledSet:
                 x_px=float(columns.min()), y_px=float(rows.min()),
                 width_px=float(np.ptp(columns)) + 1, height_px=float(np.ptp(rows)) + 1,
             )  # fmt: skip
-            if max(box.width_px, box.height_px) >= _MASK_LEAST_PX:
+            if max(box.width_px, box.height_px) >= _MASK_SIZE_MIN_PX:
                 boxes.append(TruthBox(box=box, defect_class=DefectClass.CRACK))
-        gathered.add(path, size, boxes, frozenset({DefectClass.CRACK}))
-    found = gathered.create_set("masks")
+        collector.add(path, size, boxes, frozenset({DefectClass.CRACK}))
+    found = collector.create_set("masks")
     images = tuple(replace(one, site="_".join(one.path.stem.split("_")[:2])) for one in found.images)
     return replace(found, name="masonry_crack_240", images=images)
 
 
-def with_sources(labelled: LabelledSet, folder: Path) -> LabelledSet:
-    """Patches with the picture that they were cut from as their site, where the folder's index.csv tells it."""
+def assign_source_images(labelled: LabelledSet, folder: Path) -> LabelledSet:
+    """The set with each patch's source image as its site, where the folder's index.csv states it."""
     index = folder / "index.csv"
     if not index.is_file():
         return labelled
@@ -113,11 +113,11 @@ def with_sources(labelled: LabelledSet, folder: Path) -> LabelledSet:
     return replace(labelled, images=tuple(replace(one, site=sources.get(one.key)) for one in labelled.images))
 
 
-def castle_facade(work: Path) -> LabelledSet:
+def open_castle_facade(work: Path) -> LabelledSet:
     """The castle's multi-view photographs with GSD, area and target from its model and published cameras.
 
-    Only where the model is do boxes count, as in an inspection; area is what is seen at less than 70 degrees of
-    incidence, photograph by photograph. Its plaster is real and presumed free of defects.
+    Boxes count only on the model, as in an inspection. The area is the facade at less than 70 degrees of incidence,
+    summed over photographs. The plaster is real and presumed free of defects.
     """
     building = read_portfolio(ROOT / "data" / "portfolio.yaml").get_building("castle")
     model = read_registered_model(building)
@@ -130,16 +130,16 @@ def castle_facade(work: Path) -> LabelledSet:
         vertical_datum=model.vertical_datum,
         georeference_level=model.georeference_level,
     )
-    path = write_published(SHARED / "castle" / "truth", work / "castle-poses.csv", noise=None)
+    path = write_published_poses(SHARED / "castle" / "truth", work / "castle-poses.csv", noise=None)
     placed = place_imported_poses(
         read_poses(path), photos, site_frame=site_frame, surface=surface, placement_sigma_max_m=0.5
     )
-    is_target = np.append(mask_target_elements(model.elements), False)  # the last answers for a miss
+    is_target = np.append(mask_target_elements(model.elements), False)  # the last entry is for rays without a hit
     images = []
     for photo_id, posed in sorted(read_posed_cameras(placed.poses).items()):
         if "multiview" not in photo_id:
             continue
-        target, area, gsd = seen_area(posed, surface, is_target)
+        target, area, gsd = measure_visible_area(posed, surface, is_target)
         images.append(
             LabelledImage(
                 key=photo_id, path=root / photo_id, width_px=posed.camera.width_px, height_px=posed.camera.height_px,
@@ -149,15 +149,22 @@ def castle_facade(work: Path) -> LabelledSet:
     return LabelledSet(name="castle", label_format="photographs without defects", images=tuple(images))
 
 
-def seen_area(
-    posed: PosedCamera, surface: Surface, is_target: NDArray[np.bool_]
-) -> tuple[NDArray[np.bool_], float, float]:
-    """Where the photograph shows the building (h, w, reduced), how many m2 of it, and its median GSD in mm.
+def measure_visible_area(posed: PosedCamera, surface: Surface, is_target: BoolArray) -> tuple[BoolArray, float, float]:
+    """Measure the part of the building that a photograph shows.
 
-    A pixel's patch of wall is ``z^2 cos(off axis) / (fx fy cos(incidence))``, lens distortion left aside.
+    The area of a pixel on the wall is ``z^2 cos(off axis) / (fx fy cos(incidence))``, without lens distortion.
+
+    Args:
+        posed: the photograph's camera.
+        surface: the building's surface.
+        is_target: which elements are target elements (n,), with a last entry for rays without a hit.
+
+    Returns:
+        Where the photograph shows target elements (h, w; reduced resolution), their area in m2 at less than 70 degrees
+        of incidence, and their median GSD in mm.
     """
     camera = posed.camera
-    width = min(_WIDTH_PX, camera.width_px)
+    width = min(_RASTER_WIDTH_PX, camera.width_px)
     height = round(camera.height_px * width / camera.width_px)
     columns = (np.arange(width) + 0.5) * camera.width_px / width
     rows = (np.arange(height) + 0.5) * camera.height_px / height
@@ -167,14 +174,14 @@ def seen_area(
     depth = hits.distance_m * off_axis
     target = is_target[hits.element]
     facing = np.abs((hits.normal_site * directions).sum(axis=1))
-    seen = target & (facing > np.cos(np.radians(_STEEPEST_DEG)))
+    visible = target & (facing > np.cos(np.radians(_INCIDENCE_MAX_DEG)))
     pixel = (camera.width_px / width) * (camera.height_px / height)
-    area = pixel * (depth[seen] ** 2 * off_axis[seen] / (camera.fx_px * camera.fy_px * facing[seen])).sum()
+    area = pixel * (depth[visible] ** 2 * off_axis[visible] / (camera.fx_px * camera.fy_px * facing[visible])).sum()
     gsd = 1000 * float(np.median(depth[target])) / camera.fx_px
     return target.reshape(height, width), float(area), gsd
 
 
-def _splits(set_name: str) -> set[str]:
+def _list_splits(set_name: str) -> set[str]:
     import yaml
 
     return {str(entry["split"]) for entry in yaml.safe_load(SITES.read_text(encoding="utf-8"))[set_name].values()}
@@ -182,5 +189,5 @@ def _splits(set_name: str) -> set[str]:
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as folder:
-        for one in castle_facade(Path(folder)).images:
-            print(f"{one.key}: {one.area_m2:.0f} m2, {one.gsd_mm:.1f} mm a pixel")
+        for one in open_castle_facade(Path(folder)).images:
+            print(f"{one.key}: {one.area_m2:.0f} m2, {one.gsd_mm:.1f} mm per pixel")

@@ -1,9 +1,9 @@
-"""Merging by size: time, CPU time, its slope, memory, pairwise F1 on made observations.
+"""Deduplication by number of observations: time, CPU time and its growth, memory and pairwise F1, on synthetic data.
 
     .venv/bin/python -m benchmarks.merging [--sizes 10000 100000 1000000] [--stages]
 
-A wall with a defect on each square metre, half of them in pairs of one class 20 cm apart, photographed from 12 m in
-three rows; each defect is seen three to ten times, with boxes, poses, relief and classes that err.
+A wall has one defect per square metre, half of them in pairs of one class 20 cm apart. It is photographed from 12 m in
+three rows; each defect is observed three to ten times, with errors of boxes, poses, relief and classes.
 """
 
 from __future__ import annotations
@@ -17,10 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 import shapely
-from numpy.typing import NDArray
 
 from facadelake.building import BuildingModel
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64Array, Int64Array
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
@@ -32,23 +31,23 @@ _HEIGHT_M = 20.0
 _STANDOFF_M = 12.0
 _STEP_M = 3.0  # between photographs, along the wall and upward
 _CAMERA = Camera(width_px=8000, height_px=6000, fx_px=8000, fy_px=8000, cx_px=4000, cy_px=3000)
-_TURN = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # site_from_cam of who looks north
+_TURN = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # site_from_cam of a camera that faces north
 _JITTER, _POSE_M, _RELIEF_M, _WRONG_CLASS = 0.03, 0.005, 0.03, 0.02
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Made:
-    """Tables of a made campaign, its cameras and building; ``defect`` (n,) is the truth of each observation."""
+class SyntheticCampaign:
+    """Tables, building and cameras of a synthetic campaign; ``defect`` (n,) is the true defect of each observation."""
 
     observations: pa.Table
     detections: pa.Table
     building: BuildingModel
     posed: dict[str, PosedCamera]
-    defect: NDArray[np.int64]
+    defect: Int64Array
 
 
-def made(observations: int, seed: int = 1) -> Made:
-    """A campaign of about ``observations`` observations."""
+def generate_campaign(observations: int, seed: int = 1) -> SyntheticCampaign:
+    """Generate a campaign of about ``observations`` observations."""
     rng = np.random.default_rng(seed)
     count = max(4, round(observations / 6.5))
     length = count / _HEIGHT_M
@@ -66,7 +65,7 @@ def made(observations: int, seed: int = 1) -> Made:
     ).reshape(-1, 3)
     views = rng.integers(3, 11, count)
     defect = np.repeat(np.arange(count), views)
-    # The nearest four columns of photographs, twelve in all; each defect is in some of them.
+    # Each defect is in some of the twelve photographs of the nearest four columns.
     first = np.clip(np.round((x + 6) / _STEP_M).astype(np.int64) - 2, 0, columns - 4)
     choice = rng.permuted(np.tile(np.arange(12), (count, 1)), axis=1)
     rank = np.arange(len(defect)) - np.repeat(np.cumsum(views) - views, views)
@@ -76,10 +75,10 @@ def made(observations: int, seed: int = 1) -> Made:
     ray[:, [0, 2]] += rng.normal(0, _JITTER, (len(defect), 2)) * size[defect]
     hit = centres[photo] + ray * (_STANDOFF_M / ray[:, 1])[:, None]
     seen = np.where(rng.random(len(defect)) < _WRONG_CLASS, (kind[defect] + 1) % len(DefectClass), kind[defect])
-    return Made(
-        observations=_observations(hit, centres[photo], photo, seen, size[defect], rng),
-        detections=_detections(len(defect)),
-        building=_wall(length),
+    return SyntheticCampaign(
+        observations=_create_observations(hit, centres[photo], photo, seen, size[defect], rng),
+        detections=_create_detections(len(defect)),
+        building=_create_wall(length),
         posed={
             f"p{i:06d}": PosedCamera(camera=_CAMERA, site_from_cam=Similarity(rotation=_TURN, translation=centre))
             for i, centre in enumerate(centres)
@@ -88,11 +87,11 @@ def made(observations: int, seed: int = 1) -> Made:
     )
 
 
-def _names(letter: str, numbers: NDArray[np.int64]) -> pa.Array:
+def _format_identifiers(letter: str, numbers: Int64Array) -> pa.Array:
     return pa.array(np.char.add(letter, np.char.zfill(numbers.astype(str), 7)).tolist())
 
 
-def _table(name: str, count: int, values: dict[str, pa.Array | Float64Array]) -> pa.Table:
+def _create_table(name: str, count: int, values: dict[str, pa.Array | Float64Array]) -> pa.Table:
     schema = get_stage_schema(name)
     return pa.table(
         [pa.array(values[f.name]).cast(f.type) if f.name in values else pa.nulls(count, f.type) for f in schema],
@@ -100,28 +99,28 @@ def _table(name: str, count: int, values: dict[str, pa.Array | Float64Array]) ->
     )
 
 
-def _same(word: str, count: int) -> pa.Array:
-    return pa.array([word]).take(pa.array(np.zeros(count, dtype=np.int64)))
+def _repeat(value: str, count: int) -> pa.Array:
+    return pa.array([value]).take(pa.array(np.zeros(count, dtype=np.int64)))
 
 
-def _observations(
+def _create_observations(
     hit: Float64Array,
-    eye: Float64Array,
-    photo: NDArray[np.int64],
-    kind: NDArray[np.int64],
+    centre_m: Float64Array,
+    photo: Int64Array,
+    kind: Int64Array,
     size: Float64Array,
     rng: np.random.Generator,
 ) -> pa.Table:
     count = len(hit)
     extent = size * rng.normal(1, _JITTER, size.shape)
-    distance = np.linalg.norm(hit - eye, axis=1)
+    distance = np.linalg.norm(hit - centre_m, axis=1)
     square = shapely.to_wkb(shapely.box(9.0, 48.0, 9.00001, 48.00001))
     low = hit[:, 2] < _HEIGHT_M / 2
     values = {
-        "detection_id": _names("d", rng.permutation(count)),
+        "detection_id": _format_identifiers("d", rng.permutation(count)),
         "photo_id": pa.array([f"p{i:06d}" for i in range(int(photo.max()) + 1)]).take(pa.array(photo)),
-        "observation_outcome": _same(str(ObservationOutcome.REGISTERED), count),
-        "defect_class": pa.array([str(word) for word in DefectClass]).take(pa.array(kind)),
+        "observation_outcome": _repeat(str(ObservationOutcome.REGISTERED), count),
+        "defect_class": pa.array([str(value) for value in DefectClass]).take(pa.array(kind)),
         **{f"{axis}_site_m": hit[:, i] for i, axis in enumerate("xyz")},
         "normal_x": np.zeros(count),
         "normal_y": np.full(count, -1.0),
@@ -136,22 +135,22 @@ def _observations(
         "target_share": np.ones(count),
         "element_guid": pa.array(["high", "low"]).take(pa.array(low.astype(np.int64))),
         "storey": pa.array(["First floor", "Ground floor"]).take(pa.array(low.astype(np.int64))),
-        "facade": _same("S", count),
+        "facade": _repeat("S", count),
         "patch": pa.array([square]).take(pa.array(np.zeros(count, dtype=np.int64))),
     }
-    return _table("observations", count, values)
+    return _create_table("observations", count, values)
 
 
-def _detections(count: int) -> pa.Table:
+def _create_detections(count: int) -> pa.Table:
     values = {
-        "detection_id": _names("d", np.arange(count)),
-        "detection_outcome": _same(str(DetectionOutcome.ACCEPTED), count),
+        "detection_id": _format_identifiers("d", np.arange(count)),
+        "detection_outcome": _repeat(str(DetectionOutcome.ACCEPTED), count),
         "score": np.ones(count),
     }
-    return _table("detections", count, values)
+    return _create_table("detections", count, values)
 
 
-def _wall(length_m: float) -> BuildingModel:
+def _create_wall(length_m: float) -> BuildingModel:
     corners = np.array([[-9.0, 0, 0], [length_m + 9, 0, 0], [length_m + 9, 0, _HEIGHT_M], [-9.0, 0, _HEIGHT_M]])
     outline = shapely.to_wkb(shapely.box(9.0, 48.0, 9.001, 48.001))
     rows = [
@@ -174,20 +173,20 @@ def _wall(length_m: float) -> BuildingModel:
     )
 
 
-def pairwise(result: MergeResult, defect: NDArray[np.int64]) -> tuple[float, float, float]:
+def score_pairs(result: MergeResult, defect: Int64Array) -> tuple[float, float, float]:
     """Pairwise precision, recall and F1 of the merged observations against the true ``defect`` (n,)."""
     found = result.observations.column("defect_id").combine_chunks().dictionary_encode().indices.to_numpy()
 
-    def pairs(*codes: NDArray[np.int64]) -> float:
+    def count_pairs(*codes: Int64Array) -> float:
         size = np.unique(np.stack(codes, axis=1), axis=0, return_counts=True)[1].astype(np.float64)
         return float((size * (size - 1) / 2).sum())
 
-    both, decided, true = pairs(found, defect), pairs(found), pairs(defect)
+    both, decided, true = count_pairs(found, defect), count_pairs(found), count_pairs(defect)
     return both / decided, both / true, 2 * both / (decided + true)
 
 
-def neighbours_kept_apart(result: MergeResult, defect: NDArray[np.int64]) -> tuple[int, int]:
-    """How many of the pairs 20 cm apart share no defect, and how many there are."""
+def count_separated_pairs(result: MergeResult, defect: Int64Array) -> tuple[int, int]:
+    """Number of pairs of defects 20 cm apart that were not merged, and number of all such pairs."""
     found = result.observations.column("defect_id").combine_chunks().dictionary_encode().indices.to_numpy()
     owners = np.unique(np.column_stack([found, defect]), axis=0)
     half = (int(defect.max()) + 1) // 4
@@ -198,9 +197,11 @@ def neighbours_kept_apart(result: MergeResult, defect: NDArray[np.int64]) -> tup
 
 
 def main() -> None:
-    """Print a line for each size."""
+    """Print a line for each number of observations on the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--sizes", type=int, nargs="+", default=[10_000, 100_000, 1_000_000])
+    parser.add_argument(
+        "--sizes", type=int, nargs="+", default=[10_000, 100_000, 1_000_000], help="numbers of observations"
+    )
     parser.add_argument("--stages", action="store_true", help="log the time of each stage")
     options = parser.parse_args()
     logging.basicConfig(
@@ -209,7 +210,7 @@ def main() -> None:
     before: tuple[int, float] | None = None
     print("observations   defects  seconds   CPU s  slope    MiB      F1     20 cm apart")
     for size in options.sizes:
-        campaign = made(size)
+        campaign = generate_campaign(size)
         held = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         start, busy = time.perf_counter(), time.process_time()
         result = merge_observations(
@@ -220,10 +221,10 @@ def main() -> None:
         slope = np.log(busy / before[1]) / np.log(count / before[0]) if before else np.nan
         before = (count, busy)
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        apart, pairs = neighbours_kept_apart(result, campaign.defect)
+        apart, pairs = count_separated_pairs(result, campaign.defect)
         print(
             f"{count:12,d} {len(result.defects):9,d} {seconds:8.1f} {busy:7.1f} {slope:6.2f} "
-            f"{max(peak - held, 0):6.0f} {pairwise(result, campaign.defect)[2]:7.4f} {apart:7,d}/{pairs:,d}",
+            f"{max(peak - held, 0):6.0f} {score_pairs(result, campaign.defect)[2]:7.4f} {apart:7,d}/{pairs:,d}",
             flush=True,
         )
 

@@ -1,4 +1,4 @@
-"""Published cameras of a truth folder as poses.csv, so that registration can be measured without reconstruction."""
+"""Published cameras of a truth folder as a file of poses, to measure registration without a reconstruction."""
 
 from __future__ import annotations
 
@@ -10,16 +10,25 @@ from scipy.spatial.transform import Rotation
 
 from facadelake.core.geodesy import SiteOrigin
 
-# What the published cameras are known to: check points were triangulated with them, so hardly anything.
+# Sigmas stated for the published cameras: nearly 0, because the check points were triangulated with them.
 EXACT_SIGMA_M, EXACT_SIGMA_DEG = 0.001, 0.005
 NOISE_SIGMA_M, NOISE_SIGMA_DEG = 0.02, 0.05
 
 
-def write_published(truth: Path, path: Path, *, noise: np.random.Generator | None) -> Path:
-    """The published cameras of a truth folder as poses.csv; with ``noise``, off by what the file then states."""
+def write_published_poses(truth: Path, path: Path, *, noise: np.random.Generator | None) -> Path:
+    """Write the published cameras of a truth folder as poses (docs/poses-csv.md).
+
+    Args:
+        truth: folder with ``cameras.csv``.
+        path: file to write.
+        noise: random generator of the noise that is added to the poses, whose sigmas the file states; None for none.
+
+    Returns:
+        ``path``.
+    """
     with (truth / "cameras.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
-    origin = _origin_of(rows[0])
+    origin = _compute_origin(rows[0])
     sigma_m, sigma_deg = (EXACT_SIGMA_M, EXACT_SIGMA_DEG) if noise is None else (NOISE_SIGMA_M, NOISE_SIGMA_DEG)
     lens = [name for name in ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2") if name in rows[0]]
     with path.open("w", newline="") as stream:
@@ -41,8 +50,8 @@ def write_published(truth: Path, path: Path, *, noise: np.random.Generator | Non
     return path
 
 
-def _origin_of(row: dict[str, str]) -> SiteOrigin:
-    """The origin of truth's own site frame, from a camera that is given in it and in EPSG:4979."""
+def _compute_origin(row: dict[str, str]) -> SiteOrigin:
+    """Origin of the site frame of the truth, from a camera with coordinates in that frame and in EPSG:4979."""
     xyz = np.array([[float(row[f"{axis}_site_m"]) for axis in "xyz"]])
     geo = np.array([[float(row[name]) for name in ("lon_deg", "lat_deg", "height_ellipsoidal_m")]])
     lon, lat, height = geo[0]

@@ -1,25 +1,25 @@
-"""Measure our way through large photographs beside SAHI's: one model, the same photographs, tiles and threads, one run.
+"""Detection in large photographs by ``detect_image`` and by SAHI, with the same model, photographs, tiles and threads.
 
     uv venv build/sahi && uv pip install -p build/sahi sahi onnxruntime scipy scikit-image pydantic filelock
     PYTHONPATH=. build/sahi/bin/python -m benchmarks.sahi_comparison data/detector/facadelake-nano.onnx A.JPG B.JPG
     PYTHONPATH=. build/sahi/bin/python -m benchmarks.sahi_comparison data/detector/facadelake-nano.onnx A.JPG \
         --size 8000x6000
 
-SAHI (MIT) is no dependency of ours: without it, this says so. Three ways, in turns, ``--repeats`` times, each
-photograph decoded beforehand:
+SAHI (MIT) is not a dependency of Facadelake; without it the benchmark exits with a message. Three methods are measured
+in alternation, ``--repeats`` times, on decoded photographs:
 
-bare   the onnxruntime session alone, on as many inputs as our way looks at: the limit; once with all threads for each
-       input, once with a thread for each and as many inputs at once
-ours   ``detect_image``: tiles, inference and what the borders cut put together
-sahi   ``get_sliced_prediction``: slices of the same size with the same overlap and a look at the whole, merged by its
-       default (greedy NMM on IOS). Its adapter below reads the model by our own letterbox and layout, so that what
-       differs is the way through the photograph, not the reading of the model. A model of layout yolov8 is measured a
-       second time with SAHI's own adapter, where ``ultralytics`` (AGPL-3.0) stands in that environment too
+bare   the onnxruntime session alone, on as many inputs as ``detect_image`` has tiles, as an upper limit: once with all
+       threads for each input, once with one thread for each input and as many inputs at once
+ours   ``detect_image``: tiling, inference and merging across the borders of tiles
+sahi   ``get_sliced_prediction``: slices of the same size and overlap, and the whole photograph, merged by its default
+       (greedy NMM on IOS). The adapter below uses our preprocessing and output layout, so that the results differ by
+       slicing and merging only. A model of layout yolov8 is also measured with SAHI's own adapter, where
+       ``ultralytics`` (AGPL-3.0) is installed
 
-Prints Markdown: seconds a photograph (the fastest and the median), processor seconds (which other work on the machine
-changes little), tiles a second, boxes, and how
-many of either's boxes the other has too (IoU 0.5). No truth here: which of two different answers is better is measured
-by ``facadelake evaluate-detector`` and by benchmarks/detector.py's seams.
+Prints Markdown: seconds per photograph (fastest and median), CPU seconds (which depend little on the load of the
+machine), tiles per second, number of boxes, and the share of the boxes of each method that the other has too (IoU 0.5).
+There is no truth in this benchmark: accuracy is measured by ``facadelake evaluate-detector`` and by
+``benchmarks.detector seams``.
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
+from facadelake.core.arrays import Float64N, UInt8Image
 from facadelake.detection import ModelCard
 from facadelake.detection.card import OutputLayout
 from facadelake.detection.inference import DetectedBox, OnnxDetector, load_detector
@@ -57,24 +58,27 @@ try:
     from sahi.prediction import ObjectPrediction
     from sahi.utils.compatibility import fix_full_shape_list, fix_shift_amount_list
 except ImportError:
-    sys.exit("sahi is not installed here; it is no dependency of facadelake: see the head of this file for a venv")
+    sys.exit(
+        "sahi is not installed; it is not a dependency of facadelake. The head of this file describes a venv with it"
+    )
 
-Image = NDArray[np.uint8]
 
-
-class Slices(DetectionModel):  # type: ignore[misc]
-    """SAHI's model class around a detector of ours: one slice at a time, as its own adapters do."""
+class OnnxSliceModel(DetectionModel):  # type: ignore[misc]
+    """Adapter of an OnnxDetector to SAHI's model class; one slice per inference, as in SAHI's own adapters."""
 
     def set_model(self, model: Any, **kwargs: Any) -> None:
+        """Set the detector and its classes (called by SAHI)."""
         self.model = model
         self.category_mapping = {str(i): name for i, name in enumerate(model.card.class_names)}
         self.ids = {name: i for i, name in enumerate(model.card.class_names)}
 
     def set_device(self, device: str | None = None) -> None:
+        """Use the CPU (called by SAHI)."""
         self.device = "cpu"
 
-    def perform_inference(self, image: Image) -> None:
-        self._original_predictions = self.model.detect(np.ascontiguousarray(image[:, :, ::-1]))  # SAHI gives RGB
+    def perform_inference(self, image: UInt8Image) -> None:
+        """Detect in one slice (h, w, 3: red, green, blue; called by SAHI)."""
+        self._original_predictions = self.model.detect(np.ascontiguousarray(image[:, :, ::-1]))  # SAHI passes RGB
 
     def _create_object_prediction_list_from_original_predictions(
         self, shift_amount_list: Any = None, full_shape_list: Any = None
@@ -84,7 +88,7 @@ class Slices(DetectionModel):  # type: ignore[misc]
         self._object_prediction_list_per_image = [
             [
                 ObjectPrediction(
-                    bbox=_corners(one),
+                    bbox=_list_corners(one),
                     category_id=self.ids[one.class_name],
                     category_name=one.class_name,
                     score=one.score,
@@ -97,77 +101,98 @@ class Slices(DetectionModel):  # type: ignore[misc]
 
 
 @dataclass(kw_only=True)
-class Way:
-    """What one way took, a repetition an entry."""
+class TimedMethod:
+    """A detection method, the seconds of each repetition, and the last boxes (5,: left, top, right, bottom, class)."""
 
-    run: Callable[[Image], Sequence[NDArray[np.float64]]]
+    run: Callable[[UInt8Image], Sequence[Float64N]]
     wall_s: list[float] = field(default_factory=list)
     cpu_s: list[float] = field(default_factory=list)
-    boxes: Sequence[NDArray[np.float64]] = ()
+    boxes: Sequence[Float64N] = ()
 
-    def measure(self, image: Image) -> None:
-        wall, cpu = time.perf_counter(), _cpu_s()
+    def measure(self, image: UInt8Image) -> None:
+        """Run the method once and record its seconds."""
+        wall, cpu = time.perf_counter(), _read_cpu_s()
         self.boxes = self.run(image)
         self.wall_s.append(time.perf_counter() - wall)
-        self.cpu_s.append(_cpu_s() - cpu)
+        self.cpu_s.append(_read_cpu_s() - cpu)
 
 
-def compare(image: Image, model: Path, card: Path | None, *, threads: int, repeats: int) -> dict[str, Any]:
-    """All three ways through one photograph, in turns."""
-    one_each = load_detector(model, card, threads=1)
-    all_in_one = load_detector(model, card, threads=threads)
-    spec = one_each.card.input
+def compare_methods(image: UInt8Image, model: Path, card: Path | None, *, threads: int, repeats: int) -> dict[str, Any]:
+    """Measure all methods on one photograph (h, w, 3: blue, green, red), in alternation.
+
+    Args:
+        image: the photograph.
+        model: ONNX file.
+        card: its card; None for the card beside it.
+        threads: number of threads of each method.
+        repeats: number of repetitions.
+
+    Returns:
+        The figures, as written by ``--json``.
+    """
+    single_threaded = load_detector(model, card, threads=1)
+    multi_threaded = load_detector(model, card, threads=threads)
+    spec = single_threaded.card.input
     height, width = image.shape[:2]
     passes = plan_tile_passes(spec, width_px=width, height_px=height)
     tiles = sum(len(tile_pass.tiles) for tile_pass in passes)
-    wrapped = Slices(model=all_in_one, confidence_threshold=one_each.card.score_threshold, image_size=spec.width_px)
-    # One session of all threads, or a session of one thread fed by as many workers: each way has its faster one.
-    ways = {
-        "bare": Way(run=lambda _: _bare(model, one_each.card, threads=threads, tiles=tiles, workers=1)),
-        "bare, a thread each": Way(run=lambda _: _bare(model, one_each.card, threads=1, tiles=tiles, workers=threads)),
-        "ours": Way(run=lambda photo: _ours(one_each, photo, threads)),
-        "sahi": Way(run=lambda photo: _sahi(wrapped, photo, spec.width_px, spec.height_px)),
+    model_adapter = OnnxSliceModel(
+        model=multi_threaded, confidence_threshold=single_threaded.card.score_threshold, image_size=spec.width_px
+    )
+    # detect_image is faster with single-threaded sessions, SAHI with one session of all threads.
+    methods = {
+        "bare": TimedMethod(
+            run=lambda _: _run_session(model, single_threaded.card, threads=threads, tiles=tiles, workers=1)
+        ),
+        "bare, a thread each": TimedMethod(
+            run=lambda _: _run_session(model, single_threaded.card, threads=1, tiles=tiles, workers=threads)
+        ),
+        "ours": TimedMethod(run=lambda photo: _run_facadelake(single_threaded, photo, threads)),
+        "sahi": TimedMethod(run=lambda photo: _run_sahi(model_adapter, photo, spec.width_px, spec.height_px)),
     }
     for count in {1, threads}:
-        _session_of(model, count)
-    if one_each.card.output.layout is OutputLayout.YOLOV8 and find_spec("ultralytics"):
-        stock = AutoDetectionModel.from_pretrained(
+        _create_session(model, count)
+    if single_threaded.card.output.layout is OutputLayout.YOLOV8 and find_spec("ultralytics"):
+        ultralytics_model = AutoDetectionModel.from_pretrained(
             "ultralytics",
             model_path=str(model),
-            confidence_threshold=one_each.card.score_threshold,
+            confidence_threshold=single_threaded.card.score_threshold,
             image_size=spec.width_px,
             device="cpu",
         )
-        ways["sahi, its own adapter"] = Way(run=lambda photo: _sahi(stock, photo, spec.width_px, spec.height_px))
-    slices = _slice_count(width, spec.width_px) * _slice_count(height, spec.height_px)
+        methods["sahi, its own adapter"] = TimedMethod(
+            run=lambda photo: _run_sahi(ultralytics_model, photo, spec.width_px, spec.height_px)
+        )
+    slices = _count_slices(width, spec.width_px) * _count_slices(height, spec.height_px)
     for _ in range(repeats):
-        for way in ways.values():
-            way.measure(image)
-    ours, theirs = ways["ours"].boxes, ways["sahi"].boxes
+        for method in methods.values():
+            method.measure(image)
+    ours, theirs = methods["ours"].boxes, methods["sahi"].boxes
     return {
         "image": f"{width}x{height}",
         "tiles": {"ours": tiles, "sahi": slices + (slices > 1)},
-        "ways": {
-            name: {"wall_s": way.wall_s, "cpu_s": way.cpu_s, "boxes": len(way.boxes)} for name, way in ways.items()
+        "methods": {
+            name: {"wall_s": method.wall_s, "cpu_s": method.cpu_s, "boxes": len(method.boxes)}
+            for name, method in methods.items()
         },
-        "ours_also_sahi": _also(ours, theirs),
-        "sahi_also_ours": _also(theirs, ours),
+        "ours_also_sahi": _compute_covered_share(ours, theirs),
+        "sahi_also_ours": _compute_covered_share(theirs, ours),
     }
 
 
-def _ours(detector: OnnxDetector, image: Image, workers: int) -> list[NDArray[np.float64]]:
-    return [_labelled(detector, one) for one in detect_image(detector, image, workers=workers)]
+def _run_facadelake(detector: OnnxDetector, image: UInt8Image, workers: int) -> list[Float64N]:
+    return [_create_labelled_box(detector, one) for one in detect_image(detector, image, workers=workers)]
 
 
-def _labelled(detector: OnnxDetector, one: DetectedBox) -> NDArray[np.float64]:
-    return np.array([*_corners(one), detector.card.class_names.index(one.class_name)], dtype=np.float64)
+def _create_labelled_box(detector: OnnxDetector, one: DetectedBox) -> Float64N:
+    return np.array([*_list_corners(one), detector.card.class_names.index(one.class_name)], dtype=np.float64)
 
 
-def _sahi(wrapped: DetectionModel, image: Image, width: int, height: int) -> list[NDArray[np.float64]]:
+def _run_sahi(model_adapter: DetectionModel, image: UInt8Image, width: int, height: int) -> list[Float64N]:
     rgb = np.ascontiguousarray(image[:, :, ::-1])
     result = get_sliced_prediction(
         rgb,
-        wrapped,
+        model_adapter,
         slice_width=width,
         slice_height=height,
         overlap_width_ratio=OVERLAP_RATIO,
@@ -177,9 +202,9 @@ def _sahi(wrapped: DetectionModel, image: Image, width: int, height: int) -> lis
     return [np.array([*one.bbox.to_xyxy(), one.category.id], dtype=np.float64) for one in result.object_prediction_list]
 
 
-def _bare(model: Path, card: ModelCard, *, threads: int, tiles: int, workers: int) -> list[NDArray[np.float64]]:
-    """onnxruntime's session alone, on noise; loading it is not counted."""
-    session, feed = _session(model, card, threads)
+def _run_session(model: Path, card: ModelCard, *, threads: int, tiles: int, workers: int) -> list[Float64N]:
+    """Run the onnxruntime session alone, on noise; loading is not measured."""
+    session, feed = _prepare_session(model, card, threads)
     if workers == 1:
         for _ in range(tiles):
             session.run(None, feed)
@@ -190,33 +215,33 @@ def _bare(model: Path, card: ModelCard, *, threads: int, tiles: int, workers: in
 
 
 @lru_cache
-def _session_of(model: Path, threads: int) -> Any:
+def _create_session(model: Path, threads: int) -> Any:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     return onnxruntime.InferenceSession(str(model), options, providers=["CPUExecutionProvider"])
 
 
-def _session(model: Path, card: ModelCard, threads: int) -> tuple[Any, dict[str, NDArray[Any]]]:
-    session = _session_of(model, threads)
-    takes = session.get_inputs()[0]
-    kind = np.float16 if takes.type == "tensor(float16)" else np.float32
+def _prepare_session(model: Path, card: ModelCard, threads: int) -> tuple[Any, dict[str, NDArray[Any]]]:
+    session = _create_session(model, threads)
+    model_input = session.get_inputs()[0]
+    kind = np.float16 if model_input.type == "tensor(float16)" else np.float32
     shape = (1, 3, card.input.height_px, card.input.width_px)
-    return session, {takes.name: np.random.default_rng(0).random(shape).astype(kind)}
+    return session, {model_input.name: np.random.default_rng(0).random(shape).astype(kind)}
 
 
-def _slice_count(size: int, tile: int) -> int:
-    """How many slices SAHI lays along a side: steps of a tile less its overlap, the last one moved back."""
+def _count_slices(size: int, tile: int) -> int:
+    """Number of SAHI's slices along a side: steps of a tile less its overlap, the last slice moved inside."""
     step = tile - int(OVERLAP_RATIO * tile)
     return 1 if size <= tile else -(-(size - tile) // step) + 1
 
 
-def _corners(one: DetectedBox) -> list[float]:
+def _list_corners(one: DetectedBox) -> list[float]:
     box = one.box
     return [box.x_px, box.y_px, box.x_px + box.width_px, box.y_px + box.height_px]
 
 
-def _also(mine: Sequence[NDArray[np.float64]], others: Sequence[NDArray[np.float64]]) -> float | None:
-    """The share of ``mine`` (left, top, right, bottom, class) that one of ``others`` covers by IoU 0.5."""
+def _compute_covered_share(mine: Sequence[Float64N], others: Sequence[Float64N]) -> float | None:
+    """Share of ``mine`` (left, top, right, bottom, class) with a box of the same class and IoU 0.5 in ``others``."""
     if not mine:
         return None
     if not others:
@@ -231,60 +256,64 @@ def _also(mine: Sequence[NDArray[np.float64]], others: Sequence[NDArray[np.float
     return found / len(mine)
 
 
-def _cpu_s() -> float:
+def _read_cpu_s() -> float:
     used = resource.getrusage(resource.RUSAGE_SELF)
     return used.ru_utime + used.ru_stime
 
 
-def _table(results: Sequence[tuple[str, dict[str, Any]]]) -> str:
+def _format_table(results: Sequence[tuple[str, dict[str, Any]]]) -> str:
     lines = [
-        "| photograph | way | tiles | s, fastest | s, median | CPU s | tiles/s | against SAHI: s, CPU s | boxes |",
+        "| photograph | method | tiles | s, fastest | s, median | CPU s | tiles/s | against SAHI: s, CPU s | boxes |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     agreement = []
     for name, result in results:
-        fastest, least = (min(result["ways"]["sahi"][of]) for of in ("wall_s", "cpu_s"))
-        for way, took in result["ways"].items():
-            tiles = result["tiles"]["sahi" if way.startswith("sahi") else "ours"]
-            best, middle, cpu = min(took["wall_s"]), statistics.median(took["wall_s"]), min(took["cpu_s"])
+        fastest, least = (min(result["methods"]["sahi"][of]) for of in ("wall_s", "cpu_s"))
+        for method, spent in result["methods"].items():
+            tiles = result["tiles"]["sahi" if method.startswith("sahi") else "ours"]
+            best, median, cpu = min(spent["wall_s"]), statistics.median(spent["wall_s"]), min(spent["cpu_s"])
             lines.append(
-                f"| {name} {result['image']} | {way} | {tiles} | {best:.2f} | {middle:.2f} | {cpu:.2f} "
-                f"| {tiles / best:.1f} | {fastest / best:.2f} x, {least / cpu:.2f} x | {took['boxes']} |"
+                f"| {name} {result['image']} | {method} | {tiles} | {best:.2f} | {median:.2f} | {cpu:.2f} "
+                f"| {tiles / best:.1f} | {fastest / best:.2f} x, {least / cpu:.2f} x | {spent['boxes']} |"
             )
         ours, theirs = (
             "-" if result[key] is None else f"{result[key]:.0%}" for key in ("ours_also_sahi", "sahi_also_ours")
         )
-        agreement.append(f"{name}: of our boxes {ours} are SAHI's too, of SAHI's {theirs} ours (IoU 0.5).")
+        agreement.append(f"{name}: {ours} of our boxes are also SAHI's, {theirs} of SAHI's are also ours (IoU 0.5).")
     return "\n".join([*lines, "", *agreement])
 
 
 def main() -> None:
+    """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("model", type=Path)
     parser.add_argument("photographs", type=Path, nargs="+")
-    parser.add_argument("--card", type=Path, help="the model's card, if it is not beside it")
-    parser.add_argument("--size", help="bring the photographs to WIDTHxHEIGHT first, such as 8000x6000")
+    parser.add_argument("--card", type=Path, help="card of the model, if it is not beside it")
+    parser.add_argument("--size", help="resize the photographs to WIDTHxHEIGHT first, such as 8000x6000")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--repeats", type=int, default=3)
-    parser.add_argument("--json", type=Path, help="write the figures here too")
-    given = parser.parse_args()
-    cv2.setNumThreads(given.threads)
+    parser.add_argument("--json", type=Path, help="also write the figures to this file")
+    options = parser.parse_args()
+    cv2.setNumThreads(options.threads)
     results = []
-    for path in given.photographs:
+    for path in options.photographs:
         image = cv2.imread(str(path))
         if image is None:
             sys.exit(f"{path} cannot be read")
-        if given.size:
-            width, height = (int(value) for value in given.size.split("x"))
+        if options.size:
+            width, height = (int(value) for value in options.size.split("x"))
             image = cv2.resize(image, (width, height), interpolation=cv2.INTER_CUBIC)
-        shown = np.asarray(image, dtype=np.uint8)
+        pixels = np.asarray(image, dtype=np.uint8)
         results.append(
-            (path.name, compare(shown, given.model, given.card, threads=given.threads, repeats=given.repeats))
+            (
+                path.name,
+                compare_methods(pixels, options.model, options.card, threads=options.threads, repeats=options.repeats),
+            )
         )
-    print(f"sahi {sahi.__version__}, {given.model.name}, {given.threads} threads, {given.repeats} repeats\n")
-    print(_table(results))
-    if given.json:
-        given.json.write_text(json.dumps(dict(results), indent=1))
+    print(f"sahi {sahi.__version__}, {options.model.name}, {options.threads} threads, {options.repeats} repeats\n")
+    print(_format_table(results))
+    if options.json:
+        options.json.write_text(json.dumps(dict(results), indent=1))
 
 
 if __name__ == "__main__":

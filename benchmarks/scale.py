@@ -1,5 +1,5 @@
-"""Measure what a thousand photographs cost: mapping on synthetic blocks, features and matches on real photographs, and
-the same hundred photographs through pycolmap's defaults and through ours.
+"""Time and memory of the reconstruction of large campaigns: mapping of synthetic blocks, features and matching of real
+photographs, and the comparison with pycolmap's defaults on the same photographs.
 
     .venv/bin/python -m benchmarks.scale mapping 100 300 1000
     .venv/bin/python -m benchmarks.scale mapping 100 300 --scene colmap
@@ -7,8 +7,8 @@ the same hundred photographs through pycolmap's defaults and through ours.
     .venv/bin/python -m benchmarks.scale memory
     .venv/bin/python -m benchmarks.scale defaults 103
 
-Prints Markdown. Each measurement runs in a process of its own, so that its peak memory is its own; processor time is
-given beside wall time, for machines that do other work too.
+Prints Markdown. Each measurement runs in a process of its own, because peak memory is counted per process. CPU time is
+stated besides wall time, because it depends little on the load of the machine.
 """
 
 from __future__ import annotations
@@ -30,37 +30,38 @@ from typing import Any
 import numpy as np
 import psutil
 
-from benchmarks.synthetic_block import fly, write_block, write_colmap_block
+from benchmarks.synthetic_block import generate_flight, write_block, write_colmap_block
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = Path(os.environ.get("FACADELAKE_SHARED_DATA", ROOT.parent / "shared" / "data"))
 PHOTOGRAPHS = {"castle": SHARED / "castle" / "images", "lund_street": SHARED / "drone" / "lund_street"}
 BUILD = ROOT / "build" / "benchmarks"
-HUGE = (8000, 6000)
+LARGE_PX = (8000, 6000)
 
 
-class Cost:
-    """Wall and processor seconds (children included) since it was made, and the peak memory of any one process."""
+class CostMeter:
+    """Meter of wall and CPU seconds (children included) since its creation, and of the peak memory of one process."""
 
     def __init__(self) -> None:
-        self._wall, self._cpu = time.perf_counter(), self._processor()
+        self._wall, self._cpu = time.perf_counter(), self._read_cpu_s()
 
     @staticmethod
-    def _processor() -> float:
+    def _read_cpu_s() -> float:
         used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
         return sum(each.ru_utime + each.ru_stime for each in used)
 
     def read(self) -> dict[str, float]:
+        """Seconds since creation, and peak memory of the process or of its largest child in MiB."""
         peaks = [resource.getrusage(who).ru_maxrss / 1024 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
         return {
             "wall_s": time.perf_counter() - self._wall,
-            "cpu_s": self._processor() - self._cpu,
+            "cpu_s": self._read_cpu_s() - self._cpu,
             "peak_mb": max(peaks),
         }
 
 
-def camera_errors_m(centres: dict[str, Any], truth: dict[str, Any]) -> dict[str, float]:
-    """Distances of the centres to the true ones after the similarity that fits them best."""
+def compute_camera_errors(centres: dict[str, Any], truth: dict[str, Any]) -> dict[str, float]:
+    """Number, mean and largest error in metres of camera centres (3,) by photograph, after the best similarity."""
     from facadelake.core.frames import estimate_similarity
 
     names = sorted(centres.keys() & truth.keys())
@@ -70,7 +71,7 @@ def camera_errors_m(centres: dict[str, Any], truth: dict[str, Any]) -> dict[str,
 
 
 def measure_mapping(count: int, scene: str) -> dict[str, Any]:
-    """Mapping and adjustment, as the worker does them, of a synthetic block."""
+    """Map and adjust a synthetic block of ``count`` photographs as the worker does; ``scene``: flight or colmap."""
     import io
 
     import pycolmap
@@ -85,7 +86,7 @@ def measure_mapping(count: int, scene: str) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "features.db"
         if scene == "flight":
-            flight = fly(count, rng)
+            flight = generate_flight(count, rng)
             noisy = flight.centres_m + rng.normal(0, 0.5, flight.centres_m.shape)
             pairs = choose_pairs(noisy, flight.directions, np.zeros(count, dtype=bool), settings)
             truth = write_block(path, flight, pairs, observations=1000, rng=rng)
@@ -103,7 +104,7 @@ def measure_mapping(count: int, scene: str) -> dict[str, Any]:
         pycolmap.logging.minloglevel = int(pycolmap.logging.Level.WARNING.value)
         pycolmap.set_random_seed(1)
         report = ProgressReport(stream=io.StringIO())
-        cost = Cost()
+        cost = CostMeter()
         model = map_photographs(job, path, report)[0]
         adjust_block(model, job, report)
         spent = cost.read()
@@ -113,20 +114,20 @@ def measure_mapping(count: int, scene: str) -> dict[str, Any]:
         "pairs": verified,
         "steps": {cost.step: cost.cpu_seconds for cost in report.costs},
         **spent,
-        **camera_errors_m(centres, truth),
+        **compute_camera_errors(centres, truth),
     }
 
 
-def mapping(counts: list[int], scene: str) -> None:
-    """Time, memory and error of mapping, and how time grows."""
+def print_mapping(counts: list[int], scene: str) -> None:
+    """Print time, memory and error of mapping, and the exponent of the growth of CPU time."""
     print(f"\n### Mapping, scene {scene}\n")
     print(
-        "| photographs | verified pairs | wall s | CPU s | CPU s a photograph | peak MB | localised | camera error cm |"
+        "| photographs | verified pairs | wall s | CPU s | CPU s per photograph | peak MB | localised "
+        "| camera error cm |\n|---|---|---|---|---|---|---|---|"
     )
-    print("|---|---|---|---|---|---|---|---|")
     done = []
     for count in counts:
-        figures = apart("measure_mapping", count, scene)
+        figures = run_in_process("measure_mapping", count, scene)
         done.append(figures)
         print(
             f"| {count} | {figures['pairs']} | {figures['wall_s']:.0f} | {figures['cpu_s']:.0f} | "
@@ -139,22 +140,22 @@ def mapping(counts: list[int], scene: str) -> None:
         print(f"\nFrom {first['photographs']} to {second['photographs']}: CPU time grows as n^{slope:.2f}.")
 
 
-def table_of(photographs: Path) -> Any:
-    """Table `photos` of a folder, as ``ingest`` makes it."""
+def ingest_folder(photographs: Path) -> Any:
+    """Table ``photos`` of a folder of photographs."""
     from facadelake.photos import ingest_photographs
 
     return ingest_photographs(photographs, distance_to_model_m=None, close_range_below_m=8.0)
 
 
 def measure_reconstruction(photographs: str) -> dict[str, Any]:
-    """The whole stage on a folder of photographs."""
+    """Reconstruct a folder of photographs, all steps of the stage."""
     from facadelake.sfm import ReconstructionSettings, read_reconstruction, reconstruct
 
     root = Path(photographs)
-    table = table_of(root)
+    table = ingest_folder(root)
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "block"
-        cost = Cost()
+        cost = CostMeter()
         reconstruct(table, root, out, ReconstructionSettings())
         spent = cost.read()
         block = read_reconstruction(out)
@@ -169,12 +170,12 @@ def measure_reconstruction(photographs: str) -> dict[str, Any]:
     }
 
 
-def features(names: list[str]) -> None:
-    """Photographs and pairs a second of the stage's steps."""
+def print_features(names: list[str]) -> None:
+    """Print time, memory and rate (photographs or pairs per CPU second) of the steps of the stage."""
     print("\n### Features and matches of real photographs\n")
     print("| set | step | wall s | CPU s | rate (CPU) | peak MB |\n|---|---|---|---|---|---|")
     for name in names:
-        figures = apart("measure_reconstruction", str(PHOTOGRAPHS[name]))
+        figures = run_in_process("measure_reconstruction", str(PHOTOGRAPHS[name]))
         for step, wall, cpu, peak in figures["steps"]:
             per = {"Extracting features": ("photographs", "photographs"), "Matching features": ("pairs", "pairs")}
             rate = f"{figures[per[step][0]] / cpu:.2f} {per[step][1]}/s" if step in per else ""
@@ -182,7 +183,7 @@ def features(names: list[str]) -> None:
 
 
 def measure_extraction(photographs: str, threads: int) -> dict[str, Any]:
-    """Features alone, with so many threads."""
+    """Extract the features of a folder of photographs with ``threads`` threads."""
     import io
 
     from facadelake.sfm import ReconstructionSettings
@@ -190,7 +191,7 @@ def measure_extraction(photographs: str, threads: int) -> dict[str, Any]:
     from facadelake.sfm.worker.report import ProgressReport
 
     names = sorted(path.name for path in Path(photographs).iterdir())
-    camera = {"width_px": HUGE[0], "height_px": HUGE[1], "focal_px": 7000.0, "focal_known": True}
+    camera = {"width_px": LARGE_PX[0], "height_px": LARGE_PX[1], "focal_px": 7000.0, "focal_known": True}
     photo = {"camera": 0, "prior_m": None, "prior_sigma_m": None}
     job = {
         "cameras": [camera],
@@ -203,31 +204,31 @@ def measure_extraction(photographs: str, threads: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "features.db"
         ids = worker.open_database(job, path)
-        cost = Cost()
+        cost = CostMeter()
         worker.extract_features(job, path, ids, ProgressReport(stream=io.StringIO()))
         spent = cost.read()
     allowed = worker.estimate_memory_per_thread(job) / 2**20
     return {**spent, "photographs": len(names), "before_mb": before, "estimated_mb": before + threads * allowed}
 
 
-def memory() -> None:
-    """Peak memory of finding features in 48 Mpx photographs against the estimate that bounds the threads."""
+def print_memory() -> None:
+    """Print the peak memory of extracting features of 48 Mpx photographs, and the estimate that limits the threads."""
     import cv2
 
     print("\n### Features of 48 Mpx photographs\n")
-    print("| threads | peak MB | estimated MB | CPU s a photograph |\n|---|---|---|---|")
+    print("| threads | peak MB | estimated MB | CPU s per photograph |\n|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         for number, path in enumerate(sorted((PHOTOGRAPHS["castle"] / "multiview").iterdir())[:6]):
-            large = cv2.resize(cv2.imread(str(path)), HUGE, interpolation=cv2.INTER_CUBIC)
+            large = cv2.resize(cv2.imread(str(path)), LARGE_PX, interpolation=cv2.INTER_CUBIC)
             cv2.imwrite(str(Path(folder) / f"{number}.jpg"), large)
         for threads in (1, 2, 4):
-            figures = apart("measure_extraction", folder, threads)
+            figures = run_in_process("measure_extraction", folder, threads)
             each = figures["cpu_s"] / figures["photographs"]
             print(f"| {threads} | {figures['peak_mb']:.0f} | {figures['estimated_mb']:.0f} | {each:.1f} |", flush=True)
 
 
-def dense_demo(count: int) -> Path:
-    """The demo building, photographed more densely: one campaign of ``count`` photographs; its folder."""
+def generate_dense_demo(count: int) -> Path:
+    """Generate a campaign of the demo building with ``count`` photographs; its folder."""
     from facadelake.demo import generate_demo, load_recipe
 
     recipe = load_recipe(ROOT / "data" / "demo" / "recipe.yaml")
@@ -239,7 +240,7 @@ def dense_demo(count: int) -> Path:
 
 
 def measure_defaults(photographs: str) -> dict[str, Any]:
-    """The same photographs through pycolmap alone, every option as it comes."""
+    """Reconstruct a folder of photographs by pycolmap alone, with its default options."""
     import pycolmap
 
     pycolmap.logging.minloglevel = int(pycolmap.logging.Level.WARNING.value)
@@ -247,14 +248,14 @@ def measure_defaults(photographs: str) -> dict[str, Any]:
     steps = []
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "features.db"
-        whole = Cost()
+        whole = CostMeter()
         models: dict[int, Any] = {}
         for name, work in (
             ("Extracting features", lambda: pycolmap.extract_features(path, photographs)),
             ("Matching features", lambda: pycolmap.match_exhaustive(path)),
             ("Mapping photographs", lambda: models.update(pycolmap.incremental_mapping(path, photographs, folder))),
         ):
-            cost = Cost()
+            cost = CostMeter()
             work()
             spent = cost.read()
             steps.append((name, spent["wall_s"], spent["cpu_s"], spent["peak_mb"]))
@@ -268,37 +269,39 @@ def measure_defaults(photographs: str) -> dict[str, Any]:
     }
 
 
-def defaults(count: int) -> None:
-    """Time and error of pycolmap's defaults and of ours, in one run."""
+def print_defaults(count: int) -> None:
+    """Print time and error of pycolmap's defaults and of the product on ``count`` photographs."""
     import csv
 
-    folder = dense_demo(count)
+    folder = generate_dense_demo(count)
     with (folder / "truth" / "cameras.csv").open(encoding="utf-8") as lines:
         truth = {row["image"]: [float(row[f"{axis}_site_m"]) for axis in "xyz"] for row in csv.DictReader(lines)}
     print(f"\n### {len(truth)} photographs of the demo building: pycolmap's defaults and ours\n")
-    print("| way | step | wall s | CPU s | peak MB |\n|---|---|---|---|---|")
+    print("| method | step | wall s | CPU s | peak MB |\n|---|---|---|---|---|")
     rows = {}
-    for way, measure in (("ours", "measure_reconstruction"), ("defaults", "measure_defaults")):
-        figures = rows[way] = apart(measure, str(folder / "images"))
+    for method, measure in (("ours", "measure_reconstruction"), ("defaults", "measure_defaults")):
+        figures = rows[method] = run_in_process(measure, str(folder / "images"))
         for step, wall, cpu, peak in figures["steps"]:
-            print(f"| {way} | {step} | {wall:.1f} | {cpu:.1f} | {peak:.0f} |")
+            print(f"| {method} | {step} | {wall:.1f} | {cpu:.1f} | {peak:.0f} |")
         print(
-            f"| {way} | all | {figures['wall_s']:.1f} | {figures['cpu_s']:.1f} | {figures['peak_mb']:.0f} |", flush=True
+            f"| {method} | all | {figures['wall_s']:.1f} | {figures['cpu_s']:.1f} | {figures['peak_mb']:.0f} |",
+            flush=True,
         )
     print(
-        "\n| way | localised | camera error mean / max cm (after a similarity) | reprojection px |\n|---|---|---|---|"
+        "\n| method | localised | camera error mean / max cm (after a similarity) | reprojection px |\n"
+        "|---|---|---|---|"
     )
-    errors = {way: camera_errors_m(figures["centres"], truth) for way, figures in rows.items()}
-    for way, error in errors.items():
-        print(f"| {way} | {error['localised']} | {error['mean_m'] * 100:.2f} / {error['max_m'] * 100:.2f} | "
-              f"{rows[way]['reprojection_px']:.3f} |")  # fmt: skip
+    errors = {method: compute_camera_errors(figures["centres"], truth) for method, figures in rows.items()}
+    for method, error in errors.items():
+        print(f"| {method} | {error['localised']} | {error['mean_m'] * 100:.2f} / {error['max_m'] * 100:.2f} | "
+              f"{rows[method]['reprojection_px']:.3f} |")  # fmt: skip
     wall, cpu = (rows["ours"][key] / rows["defaults"][key] for key in ("wall_s", "cpu_s"))
     print(f"\nRatio ours / defaults: wall {wall:.2f}, CPU {cpu:.2f}, "
           f"error {errors['ours']['mean_m'] / errors['defaults']['mean_m']:.2f}.")  # fmt: skip
 
 
-def apart(function: str, *arguments: Any) -> dict[str, Any]:
-    """A function of this module in a process of its own."""
+def run_in_process(function: str, *arguments: Any) -> dict[str, Any]:
+    """Call a function of this module in a process of its own; its result."""
     code = f"import json, sys; from benchmarks import scale; print(json.dumps(scale.{function}(*{arguments!r})))"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     if done.returncode:
@@ -308,29 +311,29 @@ def apart(function: str, *arguments: Any) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Run what is named."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    what = parser.add_subparsers(required=True, dest="what")
-    of_mapping = what.add_parser("mapping")
-    of_mapping.add_argument("counts", nargs="+", type=int)
-    of_mapping.add_argument("--scene", choices=["flight", "colmap"], default="flight")
-    what.add_parser("features").add_argument("names", nargs="+", choices=sorted(PHOTOGRAPHS))
-    what.add_parser("memory")
-    what.add_parser("defaults").add_argument("count", type=int)
-    chosen = parser.parse_args()
+    subcommands = parser.add_subparsers(required=True, dest="command")
+    mapping_parser = subcommands.add_parser("mapping")
+    mapping_parser.add_argument("counts", nargs="+", type=int)
+    mapping_parser.add_argument("--scene", choices=["flight", "colmap"], default="flight")
+    subcommands.add_parser("features").add_argument("names", nargs="+", choices=sorted(PHOTOGRAPHS))
+    subcommands.add_parser("memory")
+    subcommands.add_parser("defaults").add_argument("count", type=int)
+    options = parser.parse_args()
     gib = psutil.virtual_memory().total / 2**30
     load = os.getloadavg()[0]
     print(f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC, {psutil.cpu_count()} cores, {gib:.0f} GiB, load {load:.1f} before, "
           f"Python {platform.python_version()}")  # fmt: skip
-    match chosen.what:
+    match options.command:
         case "mapping":
-            mapping(chosen.counts, chosen.scene)
+            print_mapping(options.counts, options.scene)
         case "features":
-            features(chosen.names)
+            print_features(options.names)
         case "memory":
-            memory()
+            print_memory()
         case "defaults":
-            defaults(chosen.count)
+            print_defaults(options.count)
     print(f"\nload {os.getloadavg()[0]:.1f} after")
 
 

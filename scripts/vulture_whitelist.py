@@ -10,7 +10,7 @@ _.log_severity_level
 # What the tests of crack measurement draw and compare with (benchmarks/drawn_cracks.py)
 _.widths_px
 _.max_px
-_.bare_wall
+_.draw_wall
 
 # What SAHI calls and reads on its detection models
 _.set_model

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
-from benchmarks.published_poses import write_published
+from benchmarks.published_poses import write_published_poses
 from facadelake.building.model import read_building
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.pose_table import read_posed_cameras
@@ -41,7 +41,7 @@ def inspected(small: SmallPortfolio, tmp_path_factory: pytest.TempPathFactory) -
         shutil.copy(path, images / path.relative_to(small.images))
     (images / "torn.JPG").write_bytes(photographs[0].read_bytes()[:40_000])
     shutil.copy(photographs[1], images / "elsewhere.JPG")
-    write_published(small.truth, root / "poses.csv", noise=None)
+    write_published_poses(small.truth, root / "poses.csv", noise=None)
     centre = (40, WIDTH / 2, HEIGHT / 2, 10.0, 8.0, 0.75, 0)
     beside = (50, WIDTH / 2 + 20, HEIGHT / 2, 10.0, 8.0, 0.5, 1)
     save_model(root / "everywhere.onnx", make_output("yolov8", [centre, beside]))

@@ -14,7 +14,7 @@ import pyproj
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.published_poses import write_published
+from benchmarks.published_poses import write_published_poses
 from facadelake.building.ifc.load import IfcModelSettings, load_ifc_building
 from facadelake.building.model import BuildingModel
 from facadelake.building.surface.raycasting import Surface
@@ -81,7 +81,7 @@ def castle(shared_data: Path) -> Castle:
 
 
 def test_published_cameras_as_poses(castle: Castle, tmp_path: Path) -> None:
-    placed = castle.placed(write_published(castle.root / "truth", tmp_path / "poses.csv", noise=None))
+    placed = castle.placed(write_published_poses(castle.root / "truth", tmp_path / "poses.csv", noise=None))
     assert placed.localised == 29
     exact = castle.figures(placed, "detections.coco.json")
     assert (exact.camera_error.mae or 1) < 1e-4  # m: eleven digits of truth's degrees
@@ -119,7 +119,7 @@ def test_the_same_cameras_as_colmap_text(castle: Castle, tmp_path: Path) -> None
     colmap = read_posed_cameras(castle.placed(tmp_path).poses)
     (tmp_path / "csv").mkdir()
     table = read_posed_cameras(
-        castle.placed(write_published(castle.root / "truth", tmp_path / "csv" / "poses.csv", noise=None)).poses
+        castle.placed(write_published_poses(castle.root / "truth", tmp_path / "csv" / "poses.csv", noise=None)).poses
     )
     assert len(colmap) == len(table) == 29
     for name, camera in table.items():

@@ -10,7 +10,7 @@ import pytest
 import shapely
 from skimage.morphology import medial_axis
 
-from benchmarks.crack_width import measure, painted
+from benchmarks.crack_width import list_mask_pairs, measure_crack
 from schemas.vocabulary import CrackWidthOutcome
 
 pytestmark = pytest.mark.realdata
@@ -18,7 +18,7 @@ EVERY = 14
 
 
 def test_lines_and_widths_of_painted_cracks(shared_data: Path) -> None:
-    pairs = painted(shared_data / "defects" / "masonry_crack_240" / "dataset")[::EVERY]
+    pairs = list_mask_pairs(shared_data / "defects" / "masonry_crack_240" / "dataset")[::EVERY]
     if len(pairs) < 10:
         pytest.skip("no masonry_crack_240 among the data sets")
     off, beside = [], []
@@ -28,7 +28,7 @@ def test_lines_and_widths_of_painted_cracks(shared_data: Path) -> None:
         part = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
         left, top, wide, high = (float(value) for value in stats[part, :4])
         skeleton, reach = medial_axis(parts == part, return_distance=True)
-        found = measure(cv2.imread(str(image_path)), (left, top, wide, high))
+        found = measure_crack(cv2.imread(str(image_path)), (left, top, wide, high))
         if found.outcome is not CrackWidthOutcome.MEASURED or found.width is None:
             continue
         of_mask = 2 * float(reach[skeleton].mean())

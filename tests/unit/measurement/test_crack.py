@@ -7,7 +7,7 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 
-from benchmarks.drawn_cracks import Camera, DrawnCrack, bare_wall, draw_crack
+from benchmarks.drawn_cracks import DrawnCrack, ImageDegradation, draw_crack, draw_wall
 from facadelake.measurement.campaign import estimate_photograph_blur, measure_in_photograph
 from facadelake.measurement.crack import CrackMeasurement
 from schemas.vocabulary import CrackWidthOutcome
@@ -84,7 +84,7 @@ def test_the_line_lies_on_the_crack() -> None:
 def test_a_wall_without_a_crack_has_no_line() -> None:
     outcomes = []
     for seed in range(8):
-        image = bare_wall(np.random.default_rng(seed), 200)
+        image = draw_wall(np.random.default_rng(seed), 200)
         outcomes.append(
             measure_in_photograph(image, row_of((40, 40, 120, 60)), estimate_photograph_blur(image)).outcome
         )
@@ -97,8 +97,8 @@ def test_a_filled_crack_brighter_than_the_wall_is_not_measured() -> None:
 
 
 def test_a_blurred_photograph_tells_less() -> None:
-    sharp = measured(draw_crack(np.random.default_rng(5), 3.0, camera=Camera(blur_px=0.5)))
-    soft = measured(draw_crack(np.random.default_rng(5), 3.0, camera=Camera(blur_px=2.5)))
+    sharp = measured(draw_crack(np.random.default_rng(5), 3.0, degradation=ImageDegradation(blur_px=0.5)))
+    soft = measured(draw_crack(np.random.default_rng(5), 3.0, degradation=ImageDegradation(blur_px=2.5)))
     assert sharp.width is not None
     assert soft.width is not None
     assert soft.width.blur_px > sharp.width.blur_px + 1.0  # px

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.classical_cracks import ClassicalCracks
-from benchmarks.detector_sets import seen_area
+from benchmarks.classical_cracks import RidgeCrackFilter
+from benchmarks.detector_sets import measure_visible_area
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
@@ -38,14 +38,14 @@ def camera_at(x: float, y: float) -> PosedCamera:
 
 @pytest.mark.parametrize(("x", "y"), [(0.0, -10.0), (8.0, -10.0), (-12.0, -9.0)])
 def test_the_whole_wall_has_its_area_from_everywhere(x: float, y: float) -> None:
-    target, area, gsd = seen_area(camera_at(x, y), wall(), np.array([True, False]))
+    target, area, gsd = measure_visible_area(camera_at(x, y), wall(), np.array([True, False]))
     assert area == pytest.approx(SIDE_M**2, rel=0.01)
     assert gsd == pytest.approx(1000 * np.hypot(x, y) / 800, rel=0.06)
     assert target.shape == (400, 480) and 0.05 < target.mean() < 0.5
 
 
 def test_a_wall_seen_grazingly_has_no_area() -> None:
-    _, area, _ = seen_area(camera_at(12.0, -1.0), wall(), np.array([True, False]))
+    _, area, _ = measure_visible_area(camera_at(12.0, -1.0), wall(), np.array([True, False]))
     assert area < 0.5
 
 
@@ -56,7 +56,7 @@ def test_the_classical_filter_finds_a_drawn_crack() -> None:
     for start, end in pairwise(ends):
         cv2.line(grey, start, end, 60.0, 3, cv2.LINE_AA)
     pixels = cv2.cvtColor(np.clip(grey, 0, 255).astype(np.uint8), cv2.COLOR_GRAY2BGR)
-    found = ClassicalCracks().detect(image("drawn"), pixels).above_floor
+    found = RidgeCrackFilter().detect(image("drawn"), pixels).above_floor
     best = max(found, key=lambda one: one.score)
     assert [best.box.x_px, best.box.y_px] == pytest.approx([60, 80], abs=8)  # px
     assert [best.box.width_px, best.box.height_px] == pytest.approx([270, 220], abs=12)
