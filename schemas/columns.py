@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from schemas.column import GEO_CRS, Column, Kind, count, flag, real, text, time
+from schemas.column_type import GEO_CRS, Column, Kind, count, flag, real, text, time
 from schemas.vocabulary import (
     ControlKind,
     CrackWidthOutcome,

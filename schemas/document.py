@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from schemas.column import Column
+from schemas.column_type import Column
 from schemas.tables import LAKE_TABLES, RUN_KEYS, SCHEMA_VERSION, Table
 
 HEADER = f"""# Tables

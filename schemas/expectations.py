@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from schemas.column import Kind
+from schemas.column_type import Kind
 from schemas.tables import RUN_KEYS, Table
 
 

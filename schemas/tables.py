@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import pyarrow as pa
 
-from schemas.column import Column, Kind
+from schemas.column_type import Column, Kind
 from schemas.columns import COLUMNS
 
 SCHEMA_VERSION = 2

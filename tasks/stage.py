@@ -9,9 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from facadelake.core.cache import DIAGNOSTICS
-from facadelake.core.code_version import compute_code_version
-from facadelake.core.hashing import compute_key
+from facadelake.core.cache import DIAGNOSTICS, compute_stage_key
 from facadelake.core.metering import Meter
 from tasks.job import InspectionJob, StageResult, StageResults
 
@@ -43,14 +41,8 @@ def run_stage(
             key.
     """
     _check_reads(stage, reads, make)
-    key = compute_key(
-        {
-            "stage": stage,
-            "code": compute_code_version(make.__module__).sha256,
-            "reads": {name: result.content_sha256 if result else None for name, result in reads.items()},
-            "inputs": dict(inputs),
-        }
-    )
+    contents = {name: result.content_sha256 if result else None for name, result in reads.items()}
+    key = compute_stage_key(stage, make.__module__, contents, inputs)
 
     def make_and_count(folder: Path) -> None:
         counts = dict(make(folder))

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from facadelake.building.model_georeference.crs import ELLIPSOIDAL
+from facadelake.building.model_georeference.crs_parsing import ELLIPSOIDAL
 from facadelake.building.storeys import StoreyLevel
 from facadelake.core.arrays import BoolArray, Float64Nx2, Float64Nx3, Int64Nx3, RowIndices
 from facadelake.core.errors import ModelError

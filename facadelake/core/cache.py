@@ -14,7 +14,7 @@ import os
 import shutil
 import time
 import uuid
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +22,8 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 
-from facadelake.core.hashing import hash_file
+from facadelake.core.code_version import compute_code_version
+from facadelake.core.hashing import compute_key, hash_file
 
 log = logging.getLogger(__name__)
 
@@ -72,6 +73,20 @@ class PruneReport:
 def open_stage_cache(lake: Path) -> StageCache:
     """The cache of the lake in folder ``lake``; its folder is created with the first entry."""
     return StageCache(root=lake / "cache")
+
+
+def compute_stage_key(stage: str, module: str, reads: Mapping[str, str | None], inputs: Mapping[str, Any]) -> str:
+    """The key of a stage's result: everything that the result depends on.
+
+    Args:
+        stage: name of the stage.
+        module: module whose code makes the result; its code version enters the key.
+        reads: content hashes of the results of earlier stages that it reads, by name; None where there is none.
+        inputs: everything else: settings and hashes of files, JSON-able.
+    """
+    return compute_key(
+        {"stage": stage, "code": compute_code_version(module).sha256, "reads": dict(reads), "inputs": dict(inputs)}
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,6 +26,9 @@ GEO = "EPSG:4979"
 ECEF = "EPSG:4978"
 
 
+SITE_AXES = ("east", "north", "up")
+
+
 @dataclass(frozen=True, kw_only=True)
 class SiteOrigin:
     """Origin of the site frame (x east, y north, z up, metres) in EPSG:4979."""

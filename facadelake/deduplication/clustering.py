@@ -17,7 +17,7 @@ from facadelake.deduplication.ambiguous_pairs import (
 from facadelake.deduplication.class_outliers import assign_class_outliers
 from facadelake.deduplication.linkage import cluster_by_average_linkage, label_groups
 from facadelake.deduplication.observations import ObservationArrays
-from facadelake.deduplication.pairs import ObservationPairs, PositionNoise, find_pairs, update_pairs
+from facadelake.deduplication.pairs import ObservationPairs, PositionNoise, find_pairs, find_pairs_in_gate, update_pairs
 from facadelake.deduplication.seams import find_units, merge_units
 from facadelake.deduplication.settings import MergeSettings
 from facadelake.deduplication.triangulation import GroupRays, VarianceEstimate, estimate_variances
@@ -131,7 +131,7 @@ def _cluster_pairs(observations: ObservationArrays, compared: ComparedPairs, set
     """Groups (n,) of the observations by the pairs of one class that touch and are in the gate."""
     pairs = compared.pairs
     same_class = observations.defect_class[pairs.first] == observations.defect_class[pairs.second]
-    joinable = same_class & pairs.touching & (pairs.sigmas <= settings.gate_sigma)
+    joinable = same_class & find_pairs_in_gate(pairs, settings)
     group = cluster_by_average_linkage(
         pairs.first[joinable],
         pairs.second[joinable],

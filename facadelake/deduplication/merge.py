@@ -19,7 +19,7 @@ from facadelake.core.camera import PosedCamera
 from facadelake.deduplication.appearance import PhotographSource
 from facadelake.deduplication.clustering import cluster_observations
 from facadelake.deduplication.defects import build_defects_table
-from facadelake.deduplication.merge_decisions import build_merges_table
+from facadelake.deduplication.merges_table import build_merges_table
 from facadelake.deduplication.observations import encode_column, read_column, read_observations
 from facadelake.deduplication.position import estimate_positions
 from facadelake.deduplication.rear_surface import ReassignedObservations, reassign_to_rear_surface

@@ -131,6 +131,12 @@ def update_pairs(
     return concatenate_pairs(measured)
 
 
+def find_pairs_in_gate(pairs: ObservationPairs, settings: MergeSettings) -> BoolArray:
+    """Which pairs (k,) may be of one defect by position: their patches touch, and they are within the gate."""
+    in_gate: BoolArray = pairs.touching & (pairs.sigmas <= settings.gate_sigma)
+    return in_gate
+
+
 def _split_batches(pairs: Int64Array) -> list[Int64Array]:
     """Rows of pairs (k, 2) in batches."""
     return [pairs[start : start + _BATCH_PAIRS] for start in range(0, len(pairs), _BATCH_PAIRS)]

@@ -19,7 +19,12 @@ from facadelake.core.arrays import Float64Array, Float64N, RowIndices
 from facadelake.deduplication.clustering import Clustering
 from facadelake.deduplication.linkage import label_groups
 from facadelake.deduplication.observations import ObservationArrays, concatenate_observations
-from facadelake.deduplication.pairs import PositionNoise, compute_observation_covariance, measure_pairs
+from facadelake.deduplication.pairs import (
+    PositionNoise,
+    compute_observation_covariance,
+    find_pairs_in_gate,
+    measure_pairs,
+)
 from facadelake.deduplication.settings import MergeSettings
 from facadelake.deduplication.triangulation import GroupRays, SurfacePlanes, find_planes, triangulate_groups
 
@@ -192,7 +197,7 @@ def _find_meeting_depth(
     near = near[candidates.defect_class[near[:, 0]] == candidates.defect_class[near[:, 1]]]
     pairs = measure_pairs(candidates, near, compute_observation_covariance(candidates, noise), noise, settings)
     at_first = measure_pairs(front, group[near], compute_observation_covariance(front, noise), noise, settings)
-    coincident = (pairs.sigmas <= settings.gate_sigma) & pairs.touching
+    coincident = find_pairs_in_gate(pairs, settings)
     coincident &= at_first.sigmas > _DECIDED_GATES * settings.gate_sigma
     near, sigmas = near[coincident], pairs.sigmas[coincident]
     ends = near.ravel()

@@ -1,4 +1,4 @@
-from .control import Control as Control
+from .available_control import Control as Control
 from .georeference import georeference_reconstruction as georeference_reconstruction
 from .poses_table import build_poses_table as build_poses_table
 from .site_frame import SiteFrame as SiteFrame

@@ -15,9 +15,8 @@ from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.adjustment.adjust import adjust_block
 from facadelake.georeferencing.adjustment.control_observations import ControlObservations
-from facadelake.georeferencing.campaign.reference import ReferencePoints
-from facadelake.georeferencing.control import Control
-from facadelake.georeferencing.gcp.placement import MIN_CONTROL_POINTS, intersect_marks
+from facadelake.georeferencing.available_control import Control
+from facadelake.georeferencing.control_ranking import rank_controls
 from facadelake.georeferencing.georeferenced_campaign import GeoreferencedCampaign, build_georeferenced_campaign
 from facadelake.georeferencing.gps.alignment import check_against_gps
 from facadelake.georeferencing.gps.priors import GpsPriors, collect_gps_priors
@@ -31,8 +30,6 @@ from schemas.vocabulary import ControlKind
 
 logger = logging.getLogger(__name__)
 
-# An earlier campaign with a frame of at most this sigma is preferred to control points.
-_MAX_PREFERRED_FRAME_SIGMA_M = 0.03
 # No photograph of a building is taken from farther; swapped axes and wrong zones are off by hundreds of kilometres.
 _MAX_DISTANCE_M = 10_000.0
 
@@ -57,7 +54,7 @@ def georeference_reconstruction(
     priors = collect_gps_priors(reconstruction, photos, site_frame.origin)
     if control.kind is not None:
         return _georeference_by(control.kind, reconstruction, priors, site_frame, control, ())
-    kinds, remarks = _rank_controls(reconstruction, control)
+    kinds, remarks = rank_controls(reconstruction, control)
     for kind in kinds[:-1]:
         try:
             chosen = (f"chosen automatically: {kind}", *remarks)
@@ -70,31 +67,6 @@ def georeference_reconstruction(
         return _georeference_by(kinds[-1], reconstruction, priors, site_frame, control, chosen)
     except GeoreferenceError as error:
         raise GeoreferenceError("; ".join([str(error), *remarks])) from error
-
-
-def _rank_controls(reconstruction: Reconstruction, control: Control) -> tuple[list[ControlKind], list[str]]:
-    """The kinds of control to try, the best first, and remarks on those that cannot be tried.
-
-    An earlier campaign that is itself placed to centimetres comes first, so that defects can be compared to the
-    centimetre; control points are then check points. Usable control points are never skipped for the model or GPS:
-    if they are wrong, the user has to correct them.
-    """
-    smallest_m = min((_compute_frame_sigma(reference) for reference, _ in control.references), default=np.inf)
-    campaign = [ControlKind.CAMPAIGN]
-    if control.points is not None:
-        usable = sum(mark is not None for mark in intersect_marks(reconstruction, control.points))
-        if usable >= MIN_CONTROL_POINTS:
-            return [*(campaign if smallest_m <= _MAX_PREFERRED_FRAME_SIGMA_M else []), ControlKind.GCP], []
-        remarks = [
-            f"{usable} of {len(control.points.points)} control points of {control.points.source} can be used "
-            f"({MIN_CONTROL_POINTS} are needed)"
-        ]
-    else:
-        remarks = []
-    kinds = campaign if smallest_m <= control.placement_sigma_max_m else []
-    if control.model is not None:
-        kinds = [*kinds, ControlKind.MODEL]
-    return [*kinds, ControlKind.GPS], remarks
 
 
 def _georeference_by(
@@ -134,11 +106,6 @@ def _georeference_by(
     return build_georeferenced_campaign(
         reconstruction, priors, adjusted, placement=placement, lean=lean, site_frame=site_frame, control=control
     )
-
-
-def _compute_frame_sigma(reference: ReferencePoints) -> float:
-    """Largest sigma (m) of a reference's frame over all directions."""
-    return float(np.sqrt(np.linalg.eigvalsh(reference.frame_covariance_m2)[-1]))
 
 
 def _check_against_gps(placement: InitialPlacement, reconstruction: Reconstruction, priors: GpsPriors) -> None:

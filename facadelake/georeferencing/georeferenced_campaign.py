@@ -14,24 +14,22 @@ from facadelake.core.arrays import Float64Array, Float64N, Float64x3, Float64x3x
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity, estimate_similarity
-from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.geodesy import SITE_AXES, SiteOrigin
 from facadelake.core.tables import table_from_rows
+from facadelake.georeferencing.acceptance import require_accuracy, require_consistent_frame
 from facadelake.georeferencing.adjustment.adjusted_block import AdjustedBlock
+from facadelake.georeferencing.available_control import Control
 from facadelake.georeferencing.campaign.reference import ReferencePoints
 from facadelake.georeferencing.campaign.reference_selection import build_reference
-from facadelake.georeferencing.control import Control
 from facadelake.georeferencing.gps.priors import GpsPriors
 from facadelake.georeferencing.initial_placement import InitialPlacement
 from facadelake.georeferencing.model.lean import BlockLean
 from facadelake.georeferencing.model_comparison import compare_with_model
 from facadelake.georeferencing.passport import (
-    AXES,
     PassportPoint,
     build_control_points,
     build_gps_points,
     build_points_table,
-    require_accuracy,
-    require_consistent_frame,
 )
 from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.sfm import Reconstruction
@@ -214,7 +212,7 @@ def _describe_accuracy(sigma_m: Float64x3, held_out_m: Float64N, adjusted: Adjus
         "check_points": len(held_out_m),
         "tie_sigma_px": adjusted.solution.tie_sigma_px,
         "tie_variance_factor": adjusted.tie_variance_factor,
-        **{f"sigma_{axis}_m": float(s) for axis, s in zip(AXES, sigma_m, strict=True)},
+        **{f"sigma_{axis}_m": float(s) for axis, s in zip(SITE_AXES, sigma_m, strict=True)},
     }
     if len(held_out_m):
         columns |= {
@@ -231,7 +229,7 @@ def _describe_gps(priors: GpsPriors, adjusted: AdjustedBlock) -> dict[str, Any]:
     centres = np.array([camera.centre_site_m for camera in adjusted.cameras])[priors.photo]
     offset = np.median(priors.xyz_site_m - centres, axis=0)
     return {
-        **{f"gps_offset_{axis}_m": float(v) for axis, v in zip(AXES, offset, strict=True)},
+        **{f"gps_offset_{axis}_m": float(v) for axis, v in zip(SITE_AXES, offset, strict=True)},
         "gps_offset_sigma_m": float(adjusted.gps_offset_sigma_m.max()),
     }
 

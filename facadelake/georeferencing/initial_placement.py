@@ -12,8 +12,8 @@ from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 from facadelake.georeferencing.adjustment.adjusted_block import AdjustedBlock
 from facadelake.georeferencing.adjustment.control_observations import MarkedPoints, SharedTiePoints, SurfaceConstraint
+from facadelake.georeferencing.available_control import Control
 from facadelake.georeferencing.campaign.matching import ReferenceMatch, match_reference
-from facadelake.georeferencing.control import Control
 from facadelake.georeferencing.gcp.control_points import SurveyedPoints, transform_to_site
 from facadelake.georeferencing.gcp.placement import intersect_marks, place_by_control_points
 from facadelake.georeferencing.gps.alignment import align_to_gps

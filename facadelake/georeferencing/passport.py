@@ -1,4 +1,4 @@
-"""The passport of a placed campaign: its points, and the limits that it must meet before a commit."""
+"""The points of a campaign's passport: control points, check points and GPS positions with their residuals."""
 
 from __future__ import annotations
 
@@ -10,19 +10,14 @@ import numpy as np
 import pyarrow as pa
 import shapely
 
-from facadelake.core.arrays import Float64N, Float64x3
-from facadelake.core.errors import GeoreferenceError
-from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.arrays import Float64x3
+from facadelake.core.geodesy import SITE_AXES, SiteOrigin
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.adjustment.adjusted_block import AdjustedBlock, compute_held_out_residuals
 from facadelake.georeferencing.gps.priors import GpsPriors
 from facadelake.georeferencing.initial_placement import InitialPlacement
 from facadelake.sfm import Reconstruction
-from schemas.vocabulary import ControlKind, PointKind
-
-AXES = ("east", "north", "up")
-# Tolerance of control points (median) in a block placed by an earlier campaign: in its own sigmas, and at least.
-_MAX_FRAME_SIGMAS, _MIN_FRAME_TOLERANCE_M = 3.0, 0.05
+from schemas.vocabulary import PointKind
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,61 +49,12 @@ def build_points_table(points: Sequence[PassportPoint], origin: SiteOrigin) -> p
                 "lon_deg": lon,
                 "lat_deg": lat,
                 "height_ellipsoidal_m": height,
-                **{f"residual_{axis}_m": float(r) for axis, r in zip(AXES, point.residual_site_m, strict=True)},
+                **{f"residual_{axis}_m": float(r) for axis, r in zip(SITE_AXES, point.residual_site_m, strict=True)},
                 "point_used": point.used,
                 "geometry": shapely.to_wkb(shapely.Point(lon, lat, height), output_dimension=3, flavor="iso"),
             }
         )
     return table_from_rows("georeference_points", rows)
-
-
-def require_accuracy(
-    *, control: ControlKind, sigma_m: Float64x3, limit_m: float, held_out_m: Float64N, remedy: str
-) -> None:
-    """Refuse a placement that is not accurate enough; the campaign then commits nothing.
-
-    Args:
-        control: the kind of control.
-        sigma_m: one sigma (3,) of the campaign's position: east, north, up.
-        limit_m: limit of the largest sigma, and a third of the limit of the median held-out residual.
-        held_out_m: residual lengths (k,) at held-out and check points.
-        remedy: what to do about a sigma beyond the limit, for the message.
-
-    Raises:
-        GeoreferenceError: a limit is exceeded.
-    """
-    largest = float(np.max(sigma_m))
-    if largest > limit_m:
-        axis = AXES[int(np.argmax(sigma_m))]
-        raise GeoreferenceError(
-            f"placed by {control}, the campaign's position is known to {largest:.2f} m {axis} (one sigma), the limit "
-            f"is {limit_m:g} m (tolerances.placement_sigma_max_m); {remedy}"
-        )
-    if len(held_out_m) and float(np.median(held_out_m)) > 3 * limit_m:
-        raise GeoreferenceError(
-            f"placed by {control}, held-out points lie {np.median(held_out_m):.2f} m (median) from their surveyed "
-            f"positions, the limit is {3 * limit_m:g} m (three times tolerances.placement_sigma_max_m); check the "
-            "coordinates, CRS and marks of the control points"
-        )
-
-
-def require_consistent_frame(held_out_m: Float64N, sigma_m: float, method: str) -> None:
-    """Refuse a placement by an earlier campaign with which the control points of this one do not agree.
-
-    Args:
-        held_out_m: residual lengths (k,) at the control points, which have no weight.
-        sigma_m: largest sigma of the campaign's position.
-        method: the control in words, for the message.
-
-    Raises:
-        GeoreferenceError: the median residual exceeds three sigmas and 5 cm.
-    """
-    limit_m = max(_MAX_FRAME_SIGMAS * sigma_m, _MIN_FRAME_TOLERANCE_M)
-    if float(np.median(held_out_m)) > limit_m:
-        raise GeoreferenceError(
-            f"placed by {method}, control points deviate by {np.median(held_out_m):.2f} m (median, limit "
-            f"{limit_m:.2f} m): the control of the two campaigns does not agree; check both files of control points"
-        )
 
 
 def build_control_points(placement: InitialPlacement, adjusted: AdjustedBlock) -> list[PassportPoint]:

@@ -14,9 +14,9 @@ from .read import list_versions as list_versions
 from .read import query as query
 from .read import read_table as read_table
 from .read import read_tables as read_tables
+from .recorded_stage_keys import read_stage_keys as read_stage_keys
 from .regrading import Regrading as Regrading
 from .regrading import preview_regrading as preview_regrading
 from .regrading import regrade as regrade
 from .reviews import AppendResult as AppendResult
 from .reviews import append_reviews as append_reviews
-from .stage_keys import read_stage_keys as read_stage_keys

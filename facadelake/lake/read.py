@@ -16,7 +16,7 @@ from facadelake.core.sql_files import read_statements
 from facadelake.core.sql_guard import require_plain_select
 from facadelake.lake.connect import DATA, open_to_read
 from facadelake.lake.migrate import get_schema_version, refuse_newer
-from schemas.column import Kind
+from schemas.column_type import Kind
 from schemas.tables import LAKE_TABLES, SCHEMA_VERSION
 
 VIEWS = locate_source("sql/views")

@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from facadelake.core.duckdb_engine import quote_sql_string
 from facadelake.core.errors import StoreError
-from schemas.column import Kind
+from schemas.column_type import Kind
 from schemas.tables import Table
 
 logger = logging.getLogger(__name__)

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import shapely
 
 from facadelake.publish.columns import GEOMETRIES, GEOMETRY, decode_geometries, order_columns
-from schemas.column import GEO_CRS
+from schemas.column_type import GEO_CRS
 
 CRS_3D = GEO_CRS  # longitude, latitude, ellipsoidal height
 CRS_2D = "EPSG:4326"  # longitude and latitude only

@@ -10,6 +10,7 @@ import pyarrow as pa
 
 from facadelake.building import BuildingModel
 from facadelake.building.surface import Surface
+from facadelake.core.geodesy import SITE_AXES
 from facadelake.core.pose_table import read_pose_covariances, read_posed_cameras
 from facadelake.registration.exclusion import ExclusionEvidence, ExclusionSettings, exclude_observations
 from facadelake.registration.observation import observe_detections
@@ -51,7 +52,7 @@ def register_detections(
     evidence = ExclusionEvidence(
         tie_points=triangulate_tie_points(_read_image_points(block), posed) if block else None,
         masks=masks,
-        placement_sigma_m=max(passport[f"sigma_{axis}_m"] for axis in ("east", "north", "up")),
+        placement_sigma_m=max(passport[f"sigma_{axis}_m"] for axis in SITE_AXES),
     )
     return exclude_observations(table, detections, posed, building.elements, surface, evidence, exclusion)
 

@@ -165,7 +165,7 @@ def _exclude_occluded(
         return
     occlusion = occluders.measure_occlusion(photo_id, boxes[on_surface])
     for k, i in enumerate(on_surface):
-        if occlusion.share[k] >= share_min:
+        if occlusion.occluded[k]:
             rows[i]["observation_outcome"] = str(ObservationOutcome.OCCLUDED)
             rows[i]["occluder_gap_m"] = float(occlusion.gap_m[k])
             rows[i]["reason"] = (

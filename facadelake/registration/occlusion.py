@@ -70,10 +70,12 @@ class OcclusionSettings:
 class BoxOcclusion:
     """Occlusion of n boxes.
 
-    ``share`` (n,): share of the rays that an occluder stops; ``gap_m`` (n,): median gap along the ray; ``limit_m``
-    (n,): median minimum gap. Gap and limit are NaN where nothing is occluded.
+    ``occluded`` (n,): an occluder stops at least ``share_min`` of the rays; ``share`` (n,): share of the rays that it
+    stops; ``gap_m`` (n,): median gap along the ray; ``limit_m`` (n,): median minimum gap. Gap and limit are NaN where
+    nothing is occluded.
     """
 
+    occluded: BoolArray
     share: Float64N
     gap_m: Float64N
     limit_m: Float64N
@@ -139,7 +141,9 @@ class Occluders:
     def measure_occlusion(self, photo_id: str, boxes_px: Float64Nx4) -> BoxOcclusion:
         """Occlusion of the boxes (n, 4; x, y, width, height in pixels) of one photograph."""
         n, side = len(boxes_px), self._settings.rays_per_side
-        unoccluded = BoxOcclusion(share=np.zeros(n), gap_m=np.full(n, np.nan), limit_m=np.full(n, np.nan))
+        unoccluded = BoxOcclusion(
+            occluded=np.zeros(n, dtype=bool), share=np.zeros(n), gap_m=np.full(n, np.nan), limit_m=np.full(n, np.nan)
+        )
         image = self._project_tie_points(photo_id)
         if image is None or image.before_model.sum() < 3:
             return unoccluded
@@ -172,8 +176,10 @@ class Occluders:
         on_model = hits.hit.reshape(n, -1).sum(axis=1)
         any_hidden = hidden.any(axis=1)
         gap, limit = (np.where(hidden, values.reshape(n, -1), np.nan) for values in (gap, limit))
+        share = hidden.sum(axis=1) / np.maximum(on_model, 1)
         return BoxOcclusion(
-            share=hidden.sum(axis=1) / np.maximum(on_model, 1),
+            occluded=share >= self._settings.share_min,
+            share=share,
             gap_m=_compute_row_medians(gap, any_hidden),
             limit_m=_compute_row_medians(limit, any_hidden),
         )

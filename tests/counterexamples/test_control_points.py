@@ -11,7 +11,7 @@ import pyarrow as pa
 import pytest
 
 from facadelake.core.errors import GeoreferenceError, InputDataError
-from facadelake.georeferencing.control import Control
+from facadelake.georeferencing.available_control import Control
 from facadelake.georeferencing.gcp.control_points import SurveyedPoint, SurveyedPoints, read_surveyed_points
 from facadelake.georeferencing.georeference import georeference_reconstruction
 from facadelake.georeferencing.georeferenced_campaign import GeoreferencedCampaign

@@ -14,7 +14,7 @@ import pytest
 
 from facadelake.core.frames import estimate_similarity
 from facadelake.core.geodesy import SiteOrigin
-from facadelake.georeferencing.control import Control
+from facadelake.georeferencing.available_control import Control
 from facadelake.georeferencing.gcp.control_points import read_surveyed_points
 from facadelake.georeferencing.georeference import georeference_reconstruction
 from facadelake.georeferencing.georeferenced_campaign import GeoreferencedCampaign

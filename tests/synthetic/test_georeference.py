@@ -13,7 +13,7 @@ from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import table_from_rows
-from facadelake.georeferencing.control import Control
+from facadelake.georeferencing.available_control import Control
 from facadelake.georeferencing.gcp.control_points import ImageMark, SurveyedPoint, SurveyedPoints
 from facadelake.georeferencing.georeference import georeference_reconstruction
 from facadelake.georeferencing.georeferenced_campaign import GeoreferencedCampaign

@@ -17,7 +17,7 @@ PLANTED = [
     ("cli -> flows -> tasks -> facadelake -> schemas", "facadelake.lake.read", "import tasks.job", "facadelake is not"),
     ("cli -> flows -> tasks -> facadelake -> schemas", "tasks.job", "import flows.inspect_building", "tasks is not"),
     ("cli -> flows -> tasks -> facadelake -> schemas", "flows.inspect_building", "import cli.options", "flows is not"),
-    ("cli -> flows -> tasks -> facadelake -> schemas", "schemas.column", "import facadelake.lake", "schemas is not"),
+    ("cli -> flows -> tasks -> facadelake -> schemas", "schemas.columns", "import facadelake.lake", "schemas is not"),
     *(
         (
             "Inside the domain: every package in its layer",

@@ -12,7 +12,7 @@ from facadelake.core.cache import DIAGNOSTICS, WORK_SIZE_FILE, open_stage_cache
 from facadelake.core.system_libraries import Library
 from facadelake.detection.model_registry import find_default_model
 from facadelake.doctor import DISK_RESERVE, Check, Probe, Status, run_checks
-from facadelake.lake.stage_keys import RunKeys
+from facadelake.lake.recorded_stage_keys import RunKeys
 
 
 def probe(code: str) -> Check:

@@ -13,7 +13,7 @@ from facadelake.building.mesh.facade_planes import build_plane_elements, segment
 from facadelake.building.mesh.files import MeshAxes, read_mesh_file
 from facadelake.building.mesh.offset import MeshOffset, read_mesh_offset
 from facadelake.building.model import BuildingModel
-from facadelake.building.model_georeference.crs import (
+from facadelake.building.model_georeference.crs_parsing import (
     AREA_MARGIN_DEG,
     name_area_of_use,
     parse_vertical_datum,

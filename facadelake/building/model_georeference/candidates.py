@@ -12,13 +12,14 @@ import ifcopenshell
 import numpy as np
 
 from facadelake.building.model_georeference.control_pairs import ControlPair, fit_placement
-from facadelake.building.model_georeference.crs import (
+from facadelake.building.model_georeference.crs_parsing import (
     AREA_MARGIN_DEG,
     is_in_area_of_use,
     parse_vertical_datum,
     split_crs,
 )
-from facadelake.building.model_georeference.map_conversion import list_placements, read_coordinate_operation, read_crs
+from facadelake.building.model_georeference.ifc_crs import read_crs
+from facadelake.building.model_georeference.map_conversion import list_placements, read_coordinate_operation
 from facadelake.building.model_georeference.map_placement import (
     MIN_MAP_COORDINATE_M,
     REGISTRY_LEVEL,

@@ -14,7 +14,6 @@ import ifcopenshell.util.element
 import ifcopenshell.util.unit
 import numpy as np
 
-from facadelake.building.model_georeference.crs import ELLIPSOIDAL
 from facadelake.building.model_georeference.map_placement import MapPlacement
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import promote_to_3d
@@ -39,24 +38,6 @@ class CoordinateOperation:
     x_axis: tuple[float, float] = (1.0, 0.0)
     scale: float | None = 1.0
     factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
-
-
-def read_crs(model: ifcopenshell.file) -> tuple[str | None, str | None]:
-    """Read the name (or WKT, IFC4.3) of the CRS and the vertical datum; None where not given."""
-    entity = _find_crs(model)
-    if entity is None:
-        values = read_property_set(model, "ePSet_ProjectedCRS")
-        name = values.get("Name") or read_property_set(model, "ePSet_MapConversion").get("TargetCRS")
-    else:
-        values = entity.get_info(recursive=False)
-        name = values.get("Name")
-        wkt = getattr(entity, "WellKnownText", None)
-        if wkt and not (name and ":" in name):
-            name = wkt[0].WellKnownText
-    vertical = values.get("VerticalDatum")
-    if not vertical and "ellipsoid" in str(values.get("Description") or "").lower():
-        vertical = ELLIPSOIDAL
-    return name or None, vertical or None
 
 
 def read_coordinate_operation(model: ifcopenshell.file) -> CoordinateOperation | None:
@@ -100,6 +81,15 @@ def find_operation_entity(model: ifcopenshell.file) -> ifcopenshell.entity_insta
     of_contexts.sort(key=lambda operation: operation.SourceCRS.ContextType != "Model")
     preferred = of_contexts or operations
     return preferred[0] if preferred else None
+
+
+def find_crs_entity(model: ifcopenshell.file) -> ifcopenshell.entity_instance | None:
+    """IfcProjectedCRS of the coordinate operation, or the first of the file; None without any."""
+    operation = find_operation_entity(model)
+    if operation is not None:
+        return operation.TargetCRS
+    found = _list_entities(model, "IfcCoordinateReferenceSystem")
+    return found[0] if found else None
 
 
 def has_angular_coordinates(rigid: ifcopenshell.entity_instance) -> bool:
@@ -206,17 +196,9 @@ def _read_x_axis(abscissa: float | None, ordinate: float | None) -> tuple[float,
     return float(abscissa or 0.0), float(ordinate or 0.0)
 
 
-def _find_crs(model: ifcopenshell.file) -> ifcopenshell.entity_instance | None:
-    operation = find_operation_entity(model)
-    if operation is not None:
-        return operation.TargetCRS
-    found = _list_entities(model, "IfcCoordinateReferenceSystem")
-    return found[0] if found else None
-
-
 def _read_map_unit_m(model: ifcopenshell.file) -> float | None:
     """Read IfcProjectedCRS.MapUnit in metres; None if it is not given."""
-    crs = _find_crs(model)
+    crs = find_crs_entity(model)
     if crs is None:
         name = str(read_property_set(model, "ePSet_ProjectedCRS").get("MapUnit") or "").strip().upper()
         if name and name not in _UNITS_2X3:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.building.model_georeference.crs import AREA_MARGIN_DEG, ELLIPSOIDAL, is_in_area_of_use
+from facadelake.building.model_georeference.crs_parsing import AREA_MARGIN_DEG, ELLIPSOIDAL, is_in_area_of_use
 from facadelake.core.arrays import Float64N, Float64Nx3, Float64x3, Float64x3x3
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import GEO, SiteOrigin, promote_to_3d, transform

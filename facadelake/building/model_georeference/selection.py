@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from facadelake.building.model_georeference.candidates import GeoreferenceCandidates
-from facadelake.building.model_georeference.crs import name_area_of_use
+from facadelake.building.model_georeference.crs_parsing import name_area_of_use
 from facadelake.building.model_georeference.map_placement import (
     MIN_MAP_COORDINATE_M,
     GridFactors,

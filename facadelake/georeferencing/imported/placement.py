@@ -15,13 +15,15 @@ from facadelake.core.arrays import Float64Array, Float64x3, Float64x3x3
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.core.frames import Similarity
+from facadelake.core.geodesy import SITE_AXES
 from facadelake.core.photo_names import PhotoNames
 from facadelake.core.tables import table_from_rows
+from facadelake.georeferencing.acceptance import require_accuracy
 from facadelake.georeferencing.gcp.control_points import SurveyedPoints
 from facadelake.georeferencing.imported.plausibility import check_plausibility
 from facadelake.georeferencing.imported.records import ImportedPose, ImportedPoses
 from facadelake.georeferencing.imported.validation import ImportValidation, validate_imported_poses
-from facadelake.georeferencing.passport import AXES, build_points_table, require_accuracy
+from facadelake.georeferencing.passport import build_points_table
 from facadelake.georeferencing.poses_table import build_pose_columns
 from facadelake.georeferencing.site_frame import SiteFrame
 from schemas.vocabulary import ControlKind, PhotoOutcome, PoseSource
@@ -223,7 +225,7 @@ def _build_passport(
         GeoreferenceError: the poses are not accurate enough, or contradict the surveyed points.
     """
     rows = [row for row in poses.to_pylist() if row["pose_source"] == PoseSource.IMPORTED]
-    sigma_m = np.array([np.median([row[f"sigma_{axis}_m"] for row in rows]) for axis in AXES])
+    sigma_m = np.array([np.median([row[f"sigma_{axis}_m"] for row in rows]) for axis in SITE_AXES])
     require_accuracy(
         control=ControlKind.IMPORTED,
         sigma_m=sigma_m,
@@ -245,7 +247,7 @@ def _build_passport(
                 "points_total": len(imported.poses) + len(imported.unusable),
                 "scale": 1.0,
                 **validation.columns,
-                **{f"sigma_{axis}_m": float(s) for axis, s in zip(AXES, sigma_m, strict=True)},
+                **{f"sigma_{axis}_m": float(s) for axis, s in zip(SITE_AXES, sigma_m, strict=True)},
                 "remarks": "; ".join([*imported.remarks, *assumptions, *remarks, *validation.remarks]),
             }
         ],

@@ -10,10 +10,10 @@ import numpy as np
 
 from facadelake.core.arrays import Float64N
 from facadelake.core.camera import PosedCamera
-from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.geodesy import SITE_AXES, SiteOrigin
 from facadelake.core.photo_names import PhotoNames
 from facadelake.georeferencing.gcp.control_points import SurveyedPoints, transform_to_site
-from facadelake.georeferencing.passport import AXES, PassportPoint
+from facadelake.georeferencing.passport import PassportPoint
 from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.georeferencing.triangulation import ImageRay, intersect_rays
 from schemas.vocabulary import HeightDatum, PointKind, PositionSource
@@ -70,13 +70,13 @@ def validate_imported_poses(
         residual = np.array([point.residual_site_m for point in gps])
         offset = np.median(residual, axis=0)
         scatter = _MAD_TO_SIGMA * np.median(np.abs(residual - offset), axis=0) / np.sqrt(len(residual))
-        columns |= {f"gps_offset_{axis}_m": float(value) for axis, value in zip(AXES, offset, strict=True)}
+        columns |= {f"gps_offset_{axis}_m": float(value) for axis, value in zip(SITE_AXES, offset, strict=True)}
         columns["gps_offset_sigma_m"] = float(scatter.max())
         largest = int(np.argmax(np.abs(offset)))
         if abs(offset[largest]) > _MAX_GPS_OFFSET_M:
             remarks.append(
-                f"the photographs' GPS deviates by {offset[largest]:+.0f} m ({AXES[largest]}) from the poses; check "
-                "the height datum and the CRS of the poses"
+                f"the photographs' GPS deviates by {offset[largest]:+.0f} m ({SITE_AXES[largest]}) from the poses; "
+                "check the height datum and the CRS of the poses"
             )
         datums = {row["prior_height_datum"] for row in photos if row["prior_source"] != PositionSource.NONE}
         if datums != {HeightDatum.ELLIPSOIDAL}:

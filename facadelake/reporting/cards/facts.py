@@ -8,6 +8,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from facadelake.core.geodesy import SITE_AXES
 from facadelake.reporting.inspection import Inspection
 from schemas.vocabulary import CrackWidthOutcome, MergeDecision, PositionMethod
 
@@ -78,7 +79,7 @@ def _format_element(row: Row) -> str:
 
 def _list_position_facts(row: Row, inspection: Inspection) -> list[CardFact]:
     site = ", ".join(f"{row[axis]:.3f}" for axis in ("x_site_m", "y_site_m", "z_site_m"))
-    sigmas = [row[f"sigma_{axis}_m"] for axis in ("east", "north", "up")]
+    sigmas = [row[f"sigma_{axis}_m"] for axis in SITE_AXES]
     building = inspection.building
     facts = [
         ("site E, N, U (m)", site),

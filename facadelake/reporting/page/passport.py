@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from facadelake.core.geodesy import SITE_AXES
 from facadelake.reporting.inspection import Inspection
 from facadelake.reporting.page.html import Html, html_from_value, render_figure, render_paragraph, render_table
-from facadelake.reporting.passport.facts import AXES, FactStatus, list_passport_facts, summarise_passport
+from facadelake.reporting.passport.facts import FactStatus, list_passport_facts, summarise_passport
 from facadelake.reporting.passport.figure import draw_passport
 from schemas.vocabulary import PointKind
 
@@ -54,9 +55,9 @@ def _list_surveyed_points(inspection: Inspection) -> Html:
         [
             row["point_name"],
             row["point_kind"].replace("_", " "),
-            *(f"{-1000 * row[f'residual_{axis}_m']:+.0f}" for axis in AXES),
+            *(f"{-1000 * row[f'residual_{axis}_m']:+.0f}" for axis in SITE_AXES),
         ]
         for row in rows
     ]
-    heads = ["point", "kind", *(f"{axis} (mm)" for axis in AXES)]
+    heads = ["point", "kind", *(f"{axis} (mm)" for axis in SITE_AXES)]
     return render_table(heads, lines, caption="Surveyed points: adjusted minus surveyed position", numeric=[2, 3, 4])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from facadelake.building.surface import Surface
+from facadelake.core.geodesy import SITE_AXES
 from facadelake.reporting.cards.cards import draw_cards
 from facadelake.reporting.cards.crops import write_crops
 from facadelake.reporting.distribution import (
@@ -35,7 +36,7 @@ from facadelake.reporting.page.html import (
     render_tiles,
 )
 from facadelake.reporting.page.passport import render_passport
-from facadelake.reporting.passport.facts import AXES, format_length
+from facadelake.reporting.passport.facts import format_length
 from facadelake.reporting.plan import draw_plan
 from schemas.vocabulary import PhotoOutcome
 
@@ -133,7 +134,7 @@ def _render_contents() -> Html:
 def _render_key_figures(inspection: Inspection) -> Html:
     passed = inspection.checks.column("passed").to_pylist()
     failed = len(passed) - sum(passed)
-    sigmas = [inspection.georeference.column(f"sigma_{axis}_m").to_pylist() for axis in AXES]
+    sigmas = [inspection.georeference.column(f"sigma_{axis}_m").to_pylist() for axis in SITE_AXES]
     accepted = inspection.photos.column("photo_outcome").to_pylist().count(PhotoOutcome.ACCEPTED)
     return render_tiles(
         [

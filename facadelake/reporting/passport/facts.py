@@ -11,10 +11,10 @@ import numpy as np
 import pyarrow as pa
 
 from facadelake.core.arrays import Float64N
+from facadelake.core.geodesy import SITE_AXES
 from schemas.vocabulary import ControlKind, PoseSource
 
 Row = Mapping[str, Any]
-AXES = ("east", "north", "up")
 
 # One sigma per axis of a point surveyed on a facade with a total station.
 _SURVEY_SIGMA_M = 0.01
@@ -87,7 +87,7 @@ def list_passport_facts(row: Row, poses: pa.Table, *, placement_sigma_max_m: flo
 def summarise_passport(row: Row, facts: tuple[Fact, ...]) -> tuple[FactStatus, str]:
     """Overall assessment, and a sentence with the method, the accuracy and the facts to be checked."""
     worst = int(np.argmax(_get_sigmas(row)))
-    sigma = f"largest standard deviation {format_length(_get_sigmas(row)[worst])} ({AXES[worst]})"
+    sigma = f"largest standard deviation {format_length(_get_sigmas(row)[worst])} ({SITE_AXES[worst]})"
     description = f"georeferenced by {row['method']}, {sigma}"
     flagged = {status: [fact.name for fact in facts if fact.status is status] for status in FactStatus}
     if flagged[FactStatus.POOR]:
@@ -98,11 +98,11 @@ def summarise_passport(row: Row, facts: tuple[Fact, ...]) -> tuple[FactStatus, s
 
 
 def _get_sigmas(row: Row) -> list[float]:
-    return [row[f"sigma_{axis}_m"] for axis in AXES]
+    return [row[f"sigma_{axis}_m"] for axis in SITE_AXES]
 
 
 def _format_by_axis(values: list[float]) -> str:
-    return ", ".join(f"{format_length(value)} {axis}" for value, axis in zip(values, AXES, strict=True))
+    return ", ".join(f"{format_length(value)} {axis}" for value, axis in zip(values, SITE_AXES, strict=True))
 
 
 def _report_sigma(row: Row, limit_m: float) -> Fact:
@@ -163,7 +163,7 @@ def _report_weakest_direction(row: Row) -> Fact:
     worst, ratio = int(np.argmax(sigmas)), max(sigmas) / max(min(sigmas), 1e-9)
     return Fact(
         name="weakest direction",
-        value=f"{AXES[worst]}, {ratio:.1f} times the smallest standard deviation",
+        value=f"{SITE_AXES[worst]}, {ratio:.1f} times the smallest standard deviation",
         meaning="axis that photographs and control determine least",
         limit=f"{_MAX_SIGMA_RATIO:g} times",
         status=FactStatus.GOOD if ratio <= _MAX_SIGMA_RATIO else FactStatus.CHECK,
@@ -191,12 +191,13 @@ def _report_doming(row: Row) -> Fact:
 def _report_other_facts(row: Row, poses: pa.Table) -> Iterator[Fact]:
     """Further facts, most of them without assessment; those that were not measured are omitted."""
     if row["control"] != ControlKind.GPS and row["gps_offset_east_m"] is not None:
-        parts = [row[f"gps_offset_{axis}_m"] for axis in AXES]
+        parts = [row[f"gps_offset_{axis}_m"] for axis in SITE_AXES]
         sigma_m = row["gps_offset_sigma_m"]
         yield Fact(
             name="GPS offset",
             value=", ".join(
-                "unknown" if part is None else f"{part:+.2f} m {axis}" for part, axis in zip(parts, AXES, strict=True)
+                "unknown" if part is None else f"{part:+.2f} m {axis}"
+                for part, axis in zip(parts, SITE_AXES, strict=True)
             )
             + ("" if sigma_m is None else f" (± {format_length(sigma_m)})"),
             meaning="common offset of the photographs' GPS positions from the adjusted cameras",
@@ -252,7 +253,7 @@ def _report_other_facts(row: Row, poses: pa.Table) -> Iterator[Fact]:
 
 def _collect_camera_sigmas(poses: pa.Table) -> Float64N:
     """One sigma (n,) of the localised cameras' positions along their weakest axes of site, metres."""
-    names = [f"sigma_{axis}_m" for axis in AXES]
+    names = [f"sigma_{axis}_m" for axis in SITE_AXES]
     rows = [row for row in poses.select(["pose_source", *names]).to_pylist() if row["pose_source"] != PoseSource.PRIOR]
     sigmas = [max(row[name] for name in names) for row in rows if row[names[0]] is not None]
     return np.array(sigmas, dtype=np.float64)

@@ -14,10 +14,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from facadelake.core.arrays import Float64Array
+from facadelake.core.geodesy import SITE_AXES
 from facadelake.reporting.drawing.palette import POINT_STYLES
 from facadelake.reporting.inspection import Inspection
 from facadelake.reporting.passport.facts import (
-    AXES,
     Fact,
     FactStatus,
     format_length,
@@ -184,7 +184,7 @@ def _draw_residuals(
     axes: Axes, groups: tuple[tuple[str, Float64Array, Float64Array], ...], unit: float, *, common: bool
 ) -> None:
     """Draw the signed residuals along each axis of site, with their medians where ``common``."""
-    axes.set_yticks(range(3), AXES, fontsize=8)
+    axes.set_yticks(range(3), SITE_AXES, fontsize=8)
     axes.set_ylim(2.6, -0.6)
     axes.tick_params(labelsize=8)
     axes.axvline(0.0, color="#202020", linewidth=0.8)

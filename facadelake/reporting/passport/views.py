@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection, LineCollection
 
 from facadelake.core.arrays import Float64Array, Float64Nx2, Float64Nx3, Float64Nx3x3, Float64x3
+from facadelake.core.geodesy import SITE_AXES
 from facadelake.reporting.drawing.palette import POINT_STYLES
 from facadelake.reporting.inspection import Inspection
-from facadelake.reporting.passport.facts import AXES
 from facadelake.reporting.plan import draw_model
 from schemas.vocabulary import PointKind
 
@@ -56,7 +56,7 @@ def collect_geometry(inspection: Inspection) -> PassportGeometry:
                 (
                     str(kind),
                     _collect_columns(of_kind, "{}_site_m", "xyz"),
-                    _collect_columns(of_kind, "residual_{}_m", AXES),
+                    _collect_columns(of_kind, "residual_{}_m", SITE_AXES),
                 )
             )
     return PassportGeometry(

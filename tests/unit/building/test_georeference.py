@@ -8,7 +8,7 @@ import pytest
 
 from facadelake.building.ifc.load import IfcModelSettings, load_ifc_building
 from facadelake.building.model import read_building
-from facadelake.building.model_georeference.crs import parse_vertical_datum, split_crs
+from facadelake.building.model_georeference.crs_parsing import parse_vertical_datum, split_crs
 from facadelake.building.model_georeference.map_placement import MapPlacement
 from facadelake.core.errors import GeoreferenceError, ModelError
 from facadelake.core.geodesy import SiteOrigin

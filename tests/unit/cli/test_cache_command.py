@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from cli.main import app
 from facadelake.core.cache import MANIFEST, open_stage_cache
 from facadelake.lake import commit as commit_module
-from facadelake.lake.stage_keys import read_stage_keys
+from facadelake.lake.recorded_stage_keys import read_stage_keys
 from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, INPUTS, lake_tables
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from facadelake.building.surface.raycasting import Surface
 from facadelake.deduplication.clustering import cluster_observations
-from facadelake.deduplication.merge_decisions import build_merges_table
+from facadelake.deduplication.merges_table import build_merges_table
 from facadelake.deduplication.rear_surface import reassign_to_rear_surface
 from facadelake.deduplication.settings import MergeSettings
 from tests.unit.deduplication.merging import make_observations

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from facadelake.core.tables import get_stage_schema
-from schemas.column import Kind
+from schemas.column_type import Kind
 from schemas.columns import COLUMNS
 from schemas.document import build_document
 from schemas.expectations import derive_expectations
