@@ -6,7 +6,7 @@
 Every model needs its card; the classical ridge filter is always included. Cracks: the test split of
 `training/data/sites.yaml` (known to be unused for our own models only) and bounding boxes of the masks of
 `masonry_crack_240`, which is in no training data of ours. Spalling: a COCO folder, if given
-(`training.data.judged`). Moisture: mould in interiors. False alarms at the threshold of each card: the
+(`training.data.evaluation_sets`). Moisture: mould in interiors. False alarms at the threshold of each card: the
 castle's facade, per area by its model and published cameras; facades of the test split, per area; a street, per
 photograph. Labels of whole photographs: AUROC.
 """

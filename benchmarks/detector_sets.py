@@ -35,7 +35,7 @@ from facadelake.georeferencing.imported import place_imported_poses, read_poses
 from facadelake.photos import ingest_photographs
 from facadelake.registry import read_portfolio
 from schemas.vocabulary import DefectClass
-from training.data.judged import read_drawn, write_coco
+from training.data.evaluation_sets import read_drawn_boxes, write_coco
 
 SITES = ROOT / "training" / "data" / "sites.yaml"
 _MASK_GAP_PX, _MASK_SIZE_MIN_PX = 9, 12
@@ -67,7 +67,7 @@ def open_street() -> LabelledSet:
 
 def open_mould(work: Path) -> LabelledSet:
     """Interiors with and without mould, with our own boxes (training/data/drawn_boxes.yaml), written to ``work``."""
-    file = write_coco(read_drawn(SHARED / "defects"), work / "mould_indoor")
+    file = write_coco(read_drawn_boxes(SHARED / "defects"), work / "mould_indoor")
     return restrict_to_classes(open_labels(file, build_crosswalk({})), frozenset({DefectClass.MOISTURE}))
 
 

@@ -105,8 +105,9 @@ _.areaRng
 _.areaRngLbl
 _.dataset
 
-# Value of an enumeration that a file names
+# Values of enumerations that a file or the command line names
 _.NADIR
+_.COPY
 
 # Fields that become columns of the lake (vars)
 _.model_uri

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from facadelake.reviews.training import Split
 from training.data.cracks import read_cracks
 from training.data.negatives import read_negatives
-from training.data.sample import Sample, Split
+from training.data.sample import Sample
 from training.generate.folder import read_pictures
 
 TRAINED_ON = (

@@ -1,1 +1,1 @@
-"""What a detector learns from and is judged by: pictures with boxes, split by site, and pictures without any."""
+"""Training, validation and test data: pictures with boxes, split by site, and pictures without defects."""

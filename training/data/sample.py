@@ -1,55 +1,50 @@
-"""One picture with its boxes, whatever set it comes from."""
+"""A picture with its boxes, of any set."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import Float64Nx4, Int64Array, UInt8Image
 from facadelake.core.errors import FacadelakeError
+from facadelake.reviews.training import Split
 from schemas.vocabulary import DefectClass
 
 CLASSES: tuple[DefectClass, ...] = (DefectClass.CRACK, DefectClass.SPALLING, DefectClass.MOISTURE)
-"""Class index -> defect class, in the trained model's order."""
-
-
-class Split(StrEnum):
-    """What a site is used for; a site has one split, so no wall is both learned from and judged by."""
-
-    TRAIN = "train"
-    VAL = "val"
-    TEST = "test"
+"""Defect classes by class index of the trained model."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sample:
-    """A picture on disk and the boxes drawn in it.
+    """A picture file with its boxes, site and split; a site has one split, so that no wall is in two splits.
 
-    `boxes_px` is (N, 4) x_min, y_min, x_max, y_max in pixels, (0, 0) the outer corner of the first pixel; `classes`
-    (N,) indexes `CLASSES`. No boxes: the picture is free of defects. `site` is `set/site`.
+    `boxes_px`: (n, 4) x_min, y_min, x_max, y_max in pixels, with (0, 0) at the outer corner of the first pixel.
+    `classes`: (n,) indices in `CLASSES`. A picture without boxes is free of defects. `site`: `set/site`.
     """
 
     path: Path
-    boxes_px: NDArray[np.float64]
-    classes: NDArray[np.int64]
+    boxes_px: Float64Nx4
+    classes: Int64Array
     site: str
     split: Split
 
     def __post_init__(self) -> None:
         if self.boxes_px.shape != (len(self.classes), 4):
             raise FacadelakeError(
-                f"{self.path}: boxes {self.boxes_px.shape} and {len(self.classes)} classes; they must be (N, 4), (N,)"
+                f"{self.path}: boxes {self.boxes_px.shape} and {len(self.classes)} classes; they must be (n, 4), (n,)"
             )
 
-    def read(self) -> NDArray[np.uint8]:
-        """The picture, BGR, not turned by EXIF: nor are boxes. Raises FacadelakeError when it cannot be read."""
+    def read(self) -> UInt8Image:
+        """The picture (h, w, 3: blue, green, red); its EXIF orientation is not applied, as the boxes refer to the file.
+
+        Raises FacadelakeError if it cannot be read.
+        """
         image = cv2.imread(str(self.path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
         if image is None:
             raise FacadelakeError(
-                f"{self.path}: no picture can be read there; put the set back as its PROVENANCE.txt says"
+                f"{self.path}: no picture can be read there; restore the set as described in its PROVENANCE.txt"
             )
         return np.asarray(image, dtype=np.uint8)

@@ -1,4 +1,4 @@
-"""Which picture belongs to which site, and which sites are learned from: sites.yaml, read."""
+"""Sites of the pictures and splits of the sites, from sites.yaml."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from pathlib import Path
 import yaml
 
 from facadelake.core.errors import FacadelakeError
-from training.data.sample import Split
+from facadelake.reviews.training import Split
 
 SITES_PATH = Path(__file__).with_name("sites.yaml")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Site:
-    """One place, or one series that cannot be told apart further, of one set; `stems` are its pictures' names."""
+    """A place, or a series of pictures that cannot be divided further, of one set; `stems`: names of its pictures."""
 
     name: str
     split: Split
@@ -26,10 +26,10 @@ class Site:
 
 
 @cache
-def sites_of(set_name: str, path: Path = SITES_PATH) -> Mapping[str, Site]:
-    """Picture name without ending -> its site, for one set of `data/defects`.
+def read_sites(set_name: str, path: Path = SITES_PATH) -> Mapping[str, Site]:
+    """Sites of one set of `data/defects`, by name of the picture without suffix.
 
-    Raises FacadelakeError when a picture is named in two sites: it would be learned from and judged by.
+    Raises FacadelakeError if a picture is in two sites, which may have different splits.
     """
     listed = yaml.safe_load(path.read_text(encoding="utf-8"))
     if set_name not in listed:
@@ -45,7 +45,7 @@ def sites_of(set_name: str, path: Path = SITES_PATH) -> Mapping[str, Site]:
         for stem in site.stems:
             if stem in by_stem:
                 raise FacadelakeError(
-                    f"{path}: {stem} of {set_name} is in {by_stem[stem].name} and in {site.name}; keep one"
+                    f"{path}: {stem} of {set_name} is in {by_stem[stem].name} and in {site.name}; remove it from one"
                 )
             by_stem[stem] = site
     return by_stem

@@ -10,8 +10,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from facadelake.reviews.training import Split
 from schemas.vocabulary import DefectClass
-from training.data.sample import CLASSES, Sample, Split
+from training.data.sample import CLASSES, Sample
 from training.generate.grounds import Grounds, load_grounds
 from training.generate.picture import Picture, make_picture
 

@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from facadelake.reviews.training import Split
 from training.data.cracks import read_cracks
 from training.data.negatives import read_negatives
-from training.data.sample import Sample, Split
+from training.data.sample import Sample
 from training.generate.brickwork import Brick, read_bricks
 from training.generate.canvas import Canvas, to_linear
 from training.generate.surfaces import Ground, bricks, concrete, plaster, stones
