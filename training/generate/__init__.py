@@ -1,1 +1,1 @@
-"""Pictures of defects that nobody photographed: drawn on real and painted surfaces, with the boxes known."""
+"""Generated pictures of defects with known boxes, drawn on real and synthetic surfaces."""

@@ -1,4 +1,4 @@
-"""`python -m training.generate OUT`: pictures with drawn defects, as COCO."""
+"""`python -m training.generate OUT`: pictures with generated defects, as COCO."""
 
 from __future__ import annotations
 
@@ -9,20 +9,25 @@ from training.generate.folder import write_pictures
 
 
 def main() -> None:
-    """Read the command line and draw."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(
-        prog="python -m training.generate", description="Draw defects on real and painted walls."
+        prog="python -m training.generate", description="Generate pictures of defects on real and synthetic walls."
     )
     parser.add_argument("out", type=Path, help="folder for images/ and coco.json")
-    parser.add_argument("--data", type=Path, default=Path("../shared/data"), help="holds defects/ and drone/")
-    parser.add_argument("--count", type=int, default=6000)
-    parser.add_argument("--seed", type=int, default=0, help="number of the first picture")
-    parser.add_argument("--side", type=int, default=416, help="pixels")
-    parser.add_argument("--workers", type=int, default=1)
-    given = parser.parse_args()
+    parser.add_argument("--data", type=Path, default=Path("../shared/data"), help="folder with defects/ and drone/")
+    parser.add_argument("--count", type=int, default=6000, help="number of pictures")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the first picture")
+    parser.add_argument("--side", type=int, default=416, help="width and height in pixels")
+    parser.add_argument("--workers", type=int, default=1, help="number of processes")
+    options = parser.parse_args()
     print(
         write_pictures(
-            given.data, given.out, count=given.count, seed=given.seed, side_px=given.side, workers=given.workers
+            options.data,
+            options.out,
+            count=options.count,
+            seed=options.seed,
+            side_px=options.side,
+            workers=options.workers,
         )
     )
 

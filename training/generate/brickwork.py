@@ -1,4 +1,4 @@
-"""Walls laid from real bricks (`wall_crops`, MIT): sound ones, and cracked, spalled or white ones with their boxes."""
+"""Walls composed of real bricks (`wall_crops`, MIT): sound, cracked, spalled, and with efflorescence, with boxes."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import UInt8Image
 from schemas.vocabulary import DefectClass
 from training.data.sample import CLASSES
 
@@ -23,14 +23,14 @@ FOLDERS: Mapping[str, DefectClass | None] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Brick:
-    """One brick lying flat, BGR, and the index of what it has in `CLASSES`; None: it is sound."""
+    """A brick (h, w, 3: blue, green, red; wider than high), and the index of its defect in `CLASSES`; None if sound."""
 
-    image: NDArray[np.uint8]
+    image: UInt8Image
     index: int | None
 
 
 def read_bricks(defects: Path) -> tuple[Brick, ...]:
-    """The set's own training part; its `val` bricks are left to be judged by."""
+    """Bricks of the training part of `wall_crops`; those of its `val` part are for evaluation."""
     bricks = []
     for folder, kind in FOLDERS.items():
         for path in sorted((defects / "wall_crops" / "crops" / folder).glob("train__*.jpg")):
@@ -42,10 +42,13 @@ def read_bricks(defects: Path) -> tuple[Brick, ...]:
 
 def lay_wall(
     rng: np.random.Generator, bricks: tuple[Brick, ...], side_px: int
-) -> tuple[NDArray[np.uint8], list[list[float]], list[int]]:
-    """A wall of chance bricks: the picture (side, side, 3), boxes x_min, y_min, x_max, y_max px, and their classes."""
+) -> tuple[UInt8Image, list[list[float]], list[int]]:
+    """Compose a wall of random bricks.
+
+    Returns the picture (side, side, 3), boxes x_min, y_min, x_max, y_max in pixels, and their class indices.
+    """
     sound = [brick for brick in bricks if brick.index is None]
-    hurt = [brick for brick in bricks if brick.index is not None]
+    damaged = [brick for brick in bricks if brick.index is not None]
     share = rng.choice([0.0, 0.04, 0.15])
     course = int(rng.uniform(0.08, 0.3) * side_px)
     joint = max(2, round(course * rng.uniform(0.04, 0.1)))
@@ -56,7 +59,7 @@ def lay_wall(
     for y in range(-int(rng.integers(course)), side_px, course + joint):
         x = -int(rng.integers(course * 4))
         while x < side_px:
-            chosen = hurt if rng.random() < share else sound
+            chosen = damaged if rng.random() < share else sound
             brick = chosen[int(rng.integers(len(chosen)))]
             width = max(course, round(course * brick.image.shape[1] / brick.image.shape[0]))
             image = cv2.resize(brick.image, (width, course), interpolation=cv2.INTER_AREA)

@@ -1,4 +1,4 @@
-"""Cracks: wandering lines with branches, steps along joints and nets, darkened as deep gaps are."""
+"""Cracks: irregular lines with branches, stepped lines along joints, and map cracking."""
 
 from __future__ import annotations
 
@@ -6,18 +6,28 @@ from itertools import pairwise
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from training.generate.canvas import Canvas, Field, soft
+from facadelake.core.arrays import Float64Nx2, UInt8Image
+from training.generate.canvas import Canvas, Field, blur_mask
 
-Path2d = NDArray[np.float64]
-FINE = 3  # times finer than the picture: the mask is drawn there
+FINE = 3  # resolution of the mask, relative to that of the picture
 
 
-def wander(rng: np.random.Generator, start: Path2d, end: Path2d, rough: float, step_px: float = 2.5) -> Path2d:
-    """A fractal line between two points, (n, 2) x, y: midpoints moved aside again and again.
+def generate_fractal_line(
+    rng: np.random.Generator, start: Float64Nx2, end: Float64Nx2, rough: float, step_px: float = 2.5
+) -> Float64Nx2:
+    """Generate a fractal line between two points by midpoint displacement.
 
-    `rough` is the first shift as a share of the length; each next one is smaller by about 0.6.
+    Args:
+        rng: random generator.
+        start: first point (2,), px.
+        end: last point (2,), px.
+        rough: standard deviation of the first displacement as a share of the length; that of each further one is about
+            0.6 of the previous.
+        step_px: largest distance of consecutive points.
+
+    Returns:
+        Points (n, 2): x, y.
     """
     points = np.stack([start, end]).astype(np.float64)
     scale = rough * float(np.linalg.norm(end - start))
@@ -35,12 +45,19 @@ def wander(rng: np.random.Generator, start: Path2d, end: Path2d, rough: float, s
     return points
 
 
-def along_joints(
+def generate_stepped_line(
     rng: np.random.Generator, corner: tuple[float, float], brick_px: tuple[float, float], side_px: int
-) -> Path2d:
-    """A stepped line down a brick wall in stretcher bond: bed joint, head joint, bed joint.
+) -> Float64Nx2:
+    """Generate a stepped line down a brick wall in stretcher bond along bed and head joints.
 
-    `brick_px` is width and height with joints, `corner` (x, y) where a head joint stands on an even course's bed joint.
+    Args:
+        rng: random generator.
+        corner: a point (x, y) where a head joint meets the bed joint of an even course, px.
+        brick_px: width and height of a brick with joints.
+        side_px: width and height of the picture.
+
+    Returns:
+        Points (n, 2): x, y.
     """
     width, height = brick_px
     aside = rng.choice([-1, 1])
@@ -54,18 +71,26 @@ def along_joints(
         number = np.floor((x - first) / width + 0.02 * aside) + (aside > 0)
         x = first + number * width
         points.append(np.array([x, points[-1][1]]))
-        down = int(rng.choice([1, 1, 1, 1, 2]))  # 2: through the brick below
+        down = int(rng.choice([1, 1, 1, 1, 2]))  # 2: the crack continues through the brick below
         row += down
         points.append(np.array([x, points[-1][1] + down * height]))
         if not (-10 < x < side_px + 10 and points[-1][1] < side_px + 10):
             break
-    return np.concatenate([wander(rng, a, b, 0.025) for a, b in pairwise(points)])
+    return np.concatenate([generate_fractal_line(rng, a, b, 0.025) for a, b in pairwise(points)])
 
 
-def draw(
-    rng: np.random.Generator, mask: NDArray[np.uint8], path: Path2d, width_px: float, taper: tuple[bool, bool]
+def draw_path(
+    rng: np.random.Generator, mask: UInt8Image, path: Float64Nx2, width_px: float, taper: tuple[bool, bool]
 ) -> None:
-    """Lay one line of changing width into the finer mask; `taper` thins its start and its end."""
+    """Draw a line of varying width.
+
+    Args:
+        rng: random generator.
+        mask: mask (side * FINE, side * FINE) to draw in.
+        path: points (n, 2), pixels of the picture.
+        width_px: mean width, pixels of the picture.
+        taper: whether the line narrows at its start and at its end.
+    """
     n = len(path)
     wave = np.interp(np.linspace(0, 1, n), np.linspace(0, 1, max(4, n // 8)), rng.normal(0, 0.35, max(4, n // 8)))
     width = width_px * np.exp(wave + rng.normal(0, 0.22, n))
@@ -80,28 +105,30 @@ def draw(
         cv2.line(mask, a, b, 255, t)
 
 
-def draw_line(rng: np.random.Generator, mask: NDArray[np.uint8], side: int, width: float) -> None:
-    """A crack across all or part of the picture, with up to three branches."""
+def draw_line(rng: np.random.Generator, mask: UInt8Image, side: int, width: float) -> None:
+    """Draw a crack across all or part of the picture with up to three branches."""
     angle = rng.choice([0, np.pi / 2, rng.uniform(0, np.pi)]) + rng.normal(0, 0.12)
     long = rng.random() < 0.65
     reach = side * (1.6 if long else rng.uniform(0.15, 0.6))
     middle = rng.uniform(0.15, 0.85, 2) * side
     away = np.array([np.cos(angle), np.sin(angle)]) * reach / 2
-    path = wander(rng, middle - away, middle + away, rng.choice([0.02, 0.05, 0.09]))
-    if long and rng.random() < 0.4:  # it ends within the picture
+    path = generate_fractal_line(rng, middle - away, middle + away, rng.choice([0.02, 0.05, 0.09]))
+    if long and rng.random() < 0.4:  # the crack ends within the picture
         path = path[: int(len(path) * rng.uniform(0.4, 0.75))]
-        draw(rng, mask, path, width, (False, True))
+        draw_path(rng, mask, path, width, (False, True))
     else:
-        draw(rng, mask, path, width, (not long, not long))
+        draw_path(rng, mask, path, width, (not long, not long))
     for _ in range(int(rng.choice([0, 1, 2, 3], p=[0.55, 0.25, 0.13, 0.07]))):
         start = path[rng.integers(len(path))]
         turn = angle + rng.choice([-1, 1]) * rng.uniform(0.35, 1.2)
         end = start + np.array([np.cos(turn), np.sin(turn)]) * reach * rng.uniform(0.08, 0.25)
-        draw(rng, mask, wander(rng, start, end, 0.08), width * rng.uniform(0.35, 0.8), (False, True))
+        draw_path(
+            rng, mask, generate_fractal_line(rng, start, end, 0.08), width * rng.uniform(0.35, 0.8), (False, True)
+        )
 
 
-def draw_net(rng: np.random.Generator, mask: NDArray[np.uint8], side: int, width: float) -> None:
-    """Map cracking: the borders of cells about chance points within a part of the picture."""
+def draw_net(rng: np.random.Generator, mask: UInt8Image, side: int, width: float) -> None:
+    """Draw map cracking: borders of the Voronoi cells of random points in a part of the picture."""
     size = rng.uniform(0.3, 0.95) * side
     corner = rng.uniform(0, side - size, 2)
     count = int(rng.integers(8, 26))
@@ -115,27 +142,27 @@ def draw_net(rng: np.random.Generator, mask: NDArray[np.uint8], side: int, width
         for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
             inside = bool(((a > 0) & (a < size) & (b > 0) & (b < size)).all())
             if inside and tuple(a) < tuple(b) and rng.random() < 0.85:
-                part = wander(rng, a + corner, b + corner, 0.07)
-                draw(rng, mask, part, width * rng.uniform(0.4, 0.9), (False, False))
+                part = generate_fractal_line(rng, a + corner, b + corner, 0.07)
+                draw_path(rng, mask, part, width * rng.uniform(0.4, 0.9), (False, False))
 
 
-def shrink(mask: NDArray[np.uint8], side_px: int) -> Field:
-    """The finer mask as coverage of the picture's own pixels, 0 to 1."""
+def reduce_mask(mask: UInt8Image, side_px: int) -> Field:
+    """Coverage (side, side) of the picture's pixels by the mask, 0 to 1."""
     small = cv2.resize(mask, (side_px, side_px), interpolation=cv2.INTER_AREA)
     return np.asarray(small, dtype=np.float32) / np.float32(255)
 
 
-def paint(canvas: Canvas, coverage: Field, *, depth: float, halo: float) -> None:
-    """Darken the picture where the crack is; `depth` is how much of the light is lost, `halo` the dirt beside it."""
+def paint_crack(canvas: Canvas, coverage: Field, *, depth: float, halo: float) -> None:
+    """Darken the picture at the crack; `depth`: share of the light lost there, `halo`: share lost by dirt beside it."""
     rng = canvas.rng
-    uneven = canvas.noise(canvas.side_px, canvas.side_px, slope=0.9, coarse=2)
+    uneven = canvas.sample_noise(canvas.side_px, canvas.side_px, slope=0.9, coarse=2)
     gap = np.clip(coverage * (depth + 0.12 * uneven), 0, 0.97)
     factor = 1 - gap
     if halo > 0:
-        factor *= 1 - halo * np.clip(soft(coverage, rng.uniform(2, 6)) * 3, 0, 1)
+        factor *= 1 - halo * np.clip(blur_mask(coverage, rng.uniform(2, 6)) * 3, 0, 1)
     dx, dy = canvas.light * rng.uniform(0.7, 1.8)
     move = np.array([[1, 0, -dx], [0, 1, -dy]], dtype=np.float64)
     far = cv2.warpAffine(coverage, move, (canvas.side_px, canvas.side_px))
-    factor *= 1 + rng.uniform(0, 0.22) * np.clip(far - coverage, 0, 1)  # the edge that faces the light
+    factor *= 1 + rng.uniform(0, 0.22) * np.clip(far - coverage, 0, 1)  # the edge towards the light
     tint = np.array([1.0, 1.0, 1.0]) - rng.uniform(0, 0.12) * np.array([0.0, 0.5, 1.0])
     canvas.multiply(np.asarray(factor[..., None] ** tint.astype(np.float32), dtype=np.float32))

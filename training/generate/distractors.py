@@ -1,16 +1,16 @@
-"""What looks like a defect and is none: joints, cables, pipes, windows, shadows, paint, repairs."""
+"""Distractors, which resemble defects: joints, cables, pipes, windows, shadows, paint, repairs, bolts."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from training.generate.canvas import Canvas, soft, step
+from facadelake.core.arrays import Float64Array
+from training.generate.canvas import Canvas, blur_mask, compute_ramp
 
 
-def joint(canvas: Canvas) -> None:
-    """A straight joint or edge across the wall, with its lit and its dark side."""
+def paint_joint(canvas: Canvas) -> None:
+    """Paint a straight joint or edge across the wall, with a lit and a dark side."""
     rng, side = canvas.rng, canvas.side_px
     mask = np.zeros((side, side), dtype=np.uint8)
     at = rng.uniform(0.05, 0.95) * side
@@ -20,15 +20,15 @@ def joint(canvas: Canvas) -> None:
     for shift in lines:
         a, b = [tuple(int((v + shift * (i == (ends[0][0] == 0.0))) * 16) for i, v in enumerate(end)) for end in ends]
         cv2.line(mask, a, b, 255, int(rng.choice([1, 1, 2, 3, 5, 8])), cv2.LINE_AA, 4)
-    line = soft(mask, rng.uniform(0.3, 1.2))
+    line = blur_mask(mask, rng.uniform(0.3, 1.2))
     dx, dy = canvas.light * 1.5
     lit = cv2.warpAffine(line, np.array([[1, 0, -dx], [0, 1, -dy]]), (side, side))
     strength = rng.uniform(0.2, 0.85) if rng.random() < 0.85 else -rng.uniform(0.1, 0.5)
     canvas.multiply(np.clip(1 - strength * line, 0.05, 2) * (1 + rng.uniform(0, 0.25) * np.clip(lit - line, 0, 1)))
 
 
-def cable(canvas: Canvas) -> None:
-    """A wire along or before the wall: even width, a smooth sag, clips, and its shadow beside it."""
+def paint_cable(canvas: Canvas) -> None:
+    """Paint a cable on or in front of the wall, of constant width, with a smooth sag and a shadow."""
     rng, side = canvas.rng, canvas.side_px
     t = np.linspace(-0.1, 1.1, 40)
     start, end = rng.uniform(-0.1, 1.1, 2), rng.uniform(-0.1, 1.1, 2)
@@ -48,19 +48,21 @@ def cable(canvas: Canvas) -> None:
         mask = np.zeros((side, side), dtype=np.uint8)
         cv2.polylines(mask, [points + away], False, 255, thick, cv2.LINE_AA, 4)
         if shadow:
-            canvas.multiply(1 - rng.uniform(0.2, 0.5) * soft(mask, rng.uniform(0.6, 2)))
+            canvas.multiply(1 - rng.uniform(0.2, 0.5) * blur_mask(mask, rng.uniform(0.6, 2)))
         else:
-            canvas.cover(rng.uniform(0.005, 0.5) * rng.normal(1, 0.08, 3), soft(mask, 0.5))
+            canvas.cover(rng.uniform(0.005, 0.5) * rng.normal(1, 0.08, 3), blur_mask(mask, 0.5))
 
 
-def pipe(canvas: Canvas) -> None:
-    """A downpipe: a lit cylinder with clamps and a shadow."""
+def paint_pipe(canvas: Canvas) -> None:
+    """Paint a downpipe: a lit cylinder with a shadow."""
     rng, side = canvas.rng, canvas.side_px
     wide = rng.uniform(0.02, 0.1) * side
     at = rng.uniform(0.1, 0.9) * side
     x = (np.arange(side, dtype=np.float32) - np.float32(at)) / np.float32(wide / 2)
-    shade = step(1 - np.abs(x + np.float32(np.sign(canvas.light[0]) * 1.2)), 0, 0.4) * np.float32(rng.uniform(0.2, 0.5))
-    body = step(1 - np.abs(x), 0, 0.12)
+    shade = compute_ramp(1 - np.abs(x + np.float32(np.sign(canvas.light[0]) * 1.2)), 0, 0.4) * np.float32(
+        rng.uniform(0.2, 0.5)
+    )
+    body = compute_ramp(1 - np.abs(x), 0, 0.12)
     light = np.float32(canvas.light[0])
     round_ = np.clip(0.55 + 0.4 * np.sqrt(np.clip(1 - x**2, 0, 1)) + 0.35 * light * x, 0.1, 1.4)
     turned = rng.random() < 0.25
@@ -72,15 +74,15 @@ def pipe(canvas: Canvas) -> None:
     canvas.free[body > 0.1] = 0
 
 
-def window(canvas: Canvas) -> None:
-    """A window: reveal, frame, panes that mirror or show the dark, a sill."""
+def paint_window(canvas: Canvas) -> None:
+    """Paint a window with reveal, frame, dark or reflecting panes, and a sill."""
     rng, side = canvas.rng, canvas.side_px
     width, height = rng.uniform(0.15, 0.6) * side, rng.uniform(0.2, 0.7) * side
     x0, y0 = int(rng.uniform(-0.2, 0.9) * side), int(rng.uniform(-0.2, 0.9) * side)
     x1, y1 = int(x0 + width), int(y0 + height)
     border = max(2, int(rng.uniform(0.02, 0.08) * width))
 
-    def block(ax: int, ay: int, bx: int, by: int, colour: NDArray[np.float64]) -> None:
+    def fill_rectangle(ax: int, ay: int, bx: int, by: int, colour: Float64Array) -> None:
         canvas.image[max(ay, 0) : max(by, 0), max(ax, 0) : max(bx, 0)] = colour.astype(np.float32)
 
     if rng.random() < 0.5:
@@ -88,7 +90,7 @@ def window(canvas: Canvas) -> None:
         part = (slice(max(y0 - band, 0), max(y1 + band, 0)), slice(max(x0 - band, 0), max(x1 + band, 0)))
         canvas.image[part] *= np.float32(rng.choice([0.6, 0.8, 1.2, 1.5]))
     frame = rng.uniform(0.05, 0.8) * rng.normal(1, 0.06, 3)
-    block(x0, y0, x1, y1, frame)
+    fill_rectangle(x0, y0, x1, y1, frame)
     columns, rows = int(rng.integers(1, 4)), int(rng.integers(1, 4))
     for i in range(columns):
         for j in range(rows):
@@ -97,47 +99,49 @@ def window(canvas: Canvas) -> None:
             bx, by = bx - border, by - border
             if bx <= max(ax, 0) or by <= max(ay, 0) or ax >= side or ay >= side:
                 continue
-            block(ax, ay, bx, by, rng.uniform(0.01, 0.25) * np.array([1.1, 1, 0.9]))
+            fill_rectangle(ax, ay, bx, by, rng.uniform(0.01, 0.25) * np.array([1.1, 1, 0.9]))
             pane = canvas.image[max(ay, 0) : by, max(ax, 0) : bx]
             if pane.size:
-                mirrored = canvas.noise(pane.shape[0], pane.shape[1], slope=1.8)
+                mirrored = canvas.sample_noise(pane.shape[0], pane.shape[1], slope=1.8)
                 pane += np.clip(mirrored, 0, 3)[..., None] * np.float32(rng.uniform(0, 0.12))
     cast = int(max(1, border * rng.uniform(0.3, 1.5)))
     canvas.image[max(y0, 0) : max(y0 + cast, 0), max(x0, 0) : max(x1, 0)] *= np.float32(rng.uniform(0.3, 0.8))
     if rng.random() < 0.6:
         sill = int(border * rng.uniform(0.8, 2))
-        block(x0 - border, y1, x1 + border, y1 + sill, rng.uniform(0.1, 0.7) * np.ones(3))
+        fill_rectangle(x0 - border, y1, x1 + border, y1 + sill, rng.uniform(0.1, 0.7) * np.ones(3))
         below = slice(max(y1 + sill, 0), max(y1 + 2 * sill, 0)), slice(max(x0 - border, 0), max(x1 + border, 0))
         canvas.image[below] *= np.float32(rng.uniform(0.4, 0.85))
     canvas.free[max(y0 - border, 0) : max(y1 + 2 * border, 0), max(x0 - border, 0) : max(x1 + border, 0)] = 0
 
 
-def shadow(canvas: Canvas) -> None:
-    """The shadow of a tree or of an edge: darker and bluer, texture kept."""
+def paint_shadow(canvas: Canvas) -> None:
+    """Paint the shadow of a tree or of an edge: darker and bluer, with the texture of the wall."""
     rng, side = canvas.rng, canvas.side_px
     if rng.random() < 0.55:
-        leaves = canvas.noise(side, side, slope=rng.uniform(0.9, 1.5), coarse=rng.uniform(0.5, 2))
-        where = canvas.noise(side, side, slope=2.2)
-        mask = step(leaves + where * np.float32(rng.uniform(0, 1)), rng.uniform(-0.3, 1.0), rng.uniform(0.3, 1.0))
+        leaves = canvas.sample_noise(side, side, slope=rng.uniform(0.9, 1.5), coarse=rng.uniform(0.5, 2))
+        where = canvas.sample_noise(side, side, slope=2.2)
+        mask = compute_ramp(
+            leaves + where * np.float32(rng.uniform(0, 1)), rng.uniform(-0.3, 1.0), rng.uniform(0.3, 1.0)
+        )
         if rng.random() < 0.4:
             branches = np.zeros((side, side), dtype=np.uint8)
             for _ in range(int(rng.integers(2, 8))):
                 points = np.cumsum(rng.normal(0, side / 9, (9, 2)), axis=0) + rng.uniform(0, side, 2)
                 cv2.polylines(branches, [points.astype(np.int32)], False, 255, int(rng.integers(2, 9)), cv2.LINE_AA)
-            mask = np.maximum(mask * np.float32(0.6), soft(branches, rng.uniform(1.5, 4)))
+            mask = np.maximum(mask * np.float32(0.6), blur_mask(branches, rng.uniform(1.5, 4)))
     else:
         y, x = np.mgrid[0:side, 0:side].astype(np.float32)
         angle = rng.uniform(0, 2 * np.pi)
         ramp = (x - side / 2) * np.float32(np.cos(angle)) + (y - side / 2) * np.float32(np.sin(angle))
-        mask = step(ramp, rng.uniform(-0.4, 0.4) * side, rng.uniform(1, 14))
+        mask = compute_ramp(ramp, rng.uniform(-0.4, 0.4) * side, rng.uniform(1, 14))
         if rng.random() < 0.4:
-            mask = mask * (1 - step(ramp, rng.uniform(0.05, 0.4) * side, rng.uniform(1, 14)))
+            mask = mask * (1 - compute_ramp(ramp, rng.uniform(0.05, 0.4) * side, rng.uniform(1, 14)))
     tint = np.array([0.75, 0.95, 1.05]) * rng.uniform(0.3, 0.7)
     canvas.multiply(1 - mask[..., None] * np.clip(tint, 0, 0.8).astype(np.float32))
 
 
-def paint_stroke(canvas: Canvas) -> None:
-    """Graffiti, chalk and painted lines: even width, round ends, full colour."""
+def paint_strokes(canvas: Canvas) -> None:
+    """Paint graffiti, chalk and painted lines: constant width, round ends, opaque."""
     rng, side = canvas.rng, canvas.side_px
     mask = np.zeros((side, side), dtype=np.uint8)
     thick = int(rng.choice([1, 2, 4, 8, 14, 24]))
@@ -150,12 +154,12 @@ def paint_stroke(canvas: Canvas) -> None:
             path = rng.uniform(0, side, 2) + np.asarray(swing).T + t[:, None] * rng.normal(0, side / 3, 2)
         cv2.polylines(mask, [path.astype(np.int32)], False, 255, thick, cv2.LINE_AA)
     colour = rng.uniform(0, 0.85, 3) if rng.random() < 0.6 else np.ones(3) * rng.choice([0.02, 0.7, 0.85])
-    worn = np.clip(rng.uniform(0.5, 1.1) + 0.25 * canvas.noise(side, side, slope=0.8), 0, 1)
-    canvas.cover(colour, soft(mask, rng.uniform(0.4, 1.2)) * worn * np.float32(rng.uniform(0.5, 0.98)))
+    worn = np.clip(rng.uniform(0.5, 1.1) + 0.25 * canvas.sample_noise(side, side, slope=0.8), 0, 1)
+    canvas.cover(colour, blur_mask(mask, rng.uniform(0.4, 1.2)) * worn * np.float32(rng.uniform(0.5, 0.98)))
 
 
-def repair(canvas: Canvas) -> None:
-    """A mended place: flat, of another tone, with straight or trowelled edges."""
+def paint_repair(canvas: Canvas) -> None:
+    """Paint a repair: flat, of another tone, with straight or irregular edges."""
     rng, side = canvas.rng, canvas.side_px
     mask = np.zeros((side, side), dtype=np.uint8)
     centre, size = rng.uniform(0, side, 2), rng.uniform(0.06, 0.35, 2) * side
@@ -165,14 +169,14 @@ def repair(canvas: Canvas) -> None:
         angle = np.linspace(0, 2 * np.pi, 14)[:-1, None]
         corners = np.hstack([np.cos(angle), np.sin(angle)]) * size * rng.uniform(0.75, 1.15, (13, 1))
     cv2.fillPoly(mask, [(corners + centre).astype(np.int32)], 255, cv2.LINE_AA)
-    flat = soft(mask, rng.uniform(0.5, 1.5))
+    flat = blur_mask(mask, rng.uniform(0.5, 1.5))
     smooth = cv2.GaussianBlur(canvas.image, (0, 0), 3)
     tone = rng.choice([0.7, 0.82, 1.18, 1.35]) * rng.normal(1, 0.03, 3)
     canvas.cover(smooth * tone.astype(np.float32) * 0.6 + canvas.image * tone.astype(np.float32) * 0.4, flat)
 
 
-def bolts(canvas: Canvas) -> None:
-    """Screws, anchors, lamps, small signs: round or square, sharp, with a shadow."""
+def paint_bolts(canvas: Canvas) -> None:
+    """Paint screws, anchors, lamps or small signs: round or rectangular, sharp, with a shadow."""
     rng, side = canvas.rng, canvas.side_px
     for _ in range(int(rng.integers(1, 7))):
         mask = np.zeros((side, side), dtype=np.uint8)
@@ -184,15 +188,17 @@ def bolts(canvas: Canvas) -> None:
             cv2.rectangle(mask, (x, y), (x + size * 2, y + int(size * rng.uniform(0.6, 2.5))), 255, -1)
         part = (slice(max(y - 40, 0), y + 60), slice(max(x - 40, 0), x + 60))
         moved = np.roll(mask, tuple(np.round(-canvas.light[::-1] * size * 0.5).astype(int).tolist()), (0, 1))
-        canvas.multiply(1 - rng.uniform(0.2, 0.6) * soft(moved[part], 1.5), part[0].start, part[1].start)
-        canvas.cover(rng.uniform(0.01, 0.6, 3), soft(mask[part], 0.5), part[0].start, part[1].start)
+        canvas.multiply(1 - rng.uniform(0.2, 0.6) * blur_mask(moved[part], 1.5), part[0].start, part[1].start)
+        canvas.cover(rng.uniform(0.01, 0.6, 3), blur_mask(mask[part], 0.5), part[0].start, part[1].start)
 
 
-ALL = (joint, cable, pipe, window, shadow, paint_stroke, repair, bolts)
+PAINTERS = (
+    paint_joint, paint_cable, paint_pipe, paint_window, paint_shadow, paint_strokes, paint_repair, paint_bolts,
+)  # fmt: skip
 WEIGHTS = np.array([0.2, 0.13, 0.08, 0.12, 0.17, 0.1, 0.1, 0.1])
 
 
-def distract(canvas: Canvas, count: int) -> None:
-    """Put `count` things on the picture that are no defects."""
-    for number in canvas.rng.choice(len(ALL), count, p=WEIGHTS):
-        ALL[int(number)](canvas)
+def paint_distractors(canvas: Canvas, count: int) -> None:
+    """Paint `count` random distractors."""
+    for number in canvas.rng.choice(len(PAINTERS), count, p=WEIGHTS):
+        PAINTERS[int(number)](canvas)

@@ -1,4 +1,4 @@
-"""Generated pictures: the seed decides, boxes hold what was drawn, surfaces without defects stay without boxes."""
+"""Generated pictures: they depend on the seed alone, boxes contain the defects, sound surfaces have no boxes."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ import numpy as np
 import pytest
 
 from training.generate import cracks, moisture
+from training.generate.backgrounds import Backgrounds
 from training.generate.bars import Bars
 from training.generate.brickwork import Brick, lay_wall
 from training.generate.canvas import Canvas, Place
 from training.generate.folder import read_pictures
-from training.generate.grounds import Grounds
-from training.generate.picture import make_picture, place_for
-from training.generate.spalling import spall
-from training.generate.surfaces import Ground, bricks, plaster
+from training.generate.picture import find_place, make_picture
+from training.generate.spalling import paint_spalling
+from training.generate.surfaces import Background, generate_bricks, generate_plaster
 
 SIDE = 192
 
 
 @pytest.fixture(scope="module")
-def grounds() -> Grounds:
+def backgrounds() -> Backgrounds:
     rng = np.random.default_rng(5)
-    return Grounds(close=(), facades=(), painted=(plaster(rng), bricks(rng)), bricks=())
+    return Backgrounds(close=(), facades=(), synthetic=(generate_plaster(rng), generate_bricks(rng)), bricks=())
 
 
 def _canvas(seed: int = 0, level: float = 0.3) -> Canvas:
@@ -39,22 +39,22 @@ def _canvas(seed: int = 0, level: float = 0.3) -> Canvas:
 
 def test_a_patch_larger_than_the_picture_has_no_place_in_it() -> None:
     canvas = _canvas()
-    assert place_for(canvas, (SIDE // 2, SIDE + 1), [], outside=0) is None
-    place = place_for(canvas, (SIDE // 2, SIDE + 20), [], outside=0.4)
+    assert find_place(canvas, (SIDE // 2, SIDE + 1), [], outside=0) is None
+    place = find_place(canvas, (SIDE // 2, SIDE + 20), [], outside=0.4)
     assert place is not None
     shown = (place.window[3] - place.window[2]) / 2 * (SIDE + 20)
-    assert abs(shown - place.width) < 2  # px: the window tells what is visible
+    assert abs(shown - place.width) < 2  # px: the window is the visible part
 
 
-def test_the_seed_decides_the_picture(grounds: Grounds) -> None:
-    first, again, other = (make_picture(grounds, seed, side_px=SIDE) for seed in (11, 11, 12))
+def test_the_picture_depends_on_the_seed_alone(backgrounds: Backgrounds) -> None:
+    first, again, other = (make_picture(backgrounds, seed, side_px=SIDE) for seed in (11, 11, 12))
     assert np.array_equal(first.image, again.image)
     assert np.array_equal(first.boxes_px, again.boxes_px)
     assert not np.array_equal(first.image, other.image)
 
 
-def test_all_classes_come_and_boxes_lie_in_the_picture(grounds: Grounds) -> None:
-    pictures = [make_picture(grounds, seed, side_px=SIDE) for seed in range(60)]
+def test_all_classes_occur_and_boxes_are_inside_the_picture(backgrounds: Backgrounds) -> None:
+    pictures = [make_picture(backgrounds, seed, side_px=SIDE) for seed in range(60)]
     boxes = np.concatenate([picture.boxes_px for picture in pictures])
     counts = np.bincount(np.concatenate([picture.classes for picture in pictures]), minlength=3)
     assert (counts >= 4).all()
@@ -66,8 +66,8 @@ def test_all_classes_come_and_boxes_lie_in_the_picture(grounds: Grounds) -> None
 
 def test_a_crack_in_a_picture_lies_in_its_box() -> None:
     smooth = np.full((640, 640, 3), 170, dtype=np.uint8)
-    ground = Ground(image=smooth, free=np.full((640, 640), 255, dtype=np.uint8), kind="plaster")
-    only = Grounds(close=(), facades=(), painted=(ground,), bricks=())
+    background = Background(image=smooth, free=np.full((640, 640), 255, dtype=np.uint8), kind="plaster")
+    only = Backgrounds(close=(), facades=(), synthetic=(background,), bricks=())
     seen = 0
     for seed in range(200):
         picture = make_picture(only, seed, side_px=SIDE)
@@ -80,17 +80,17 @@ def test_a_crack_in_a_picture_lies_in_its_box() -> None:
     assert seen == 8
 
 
-def test_wandering_lines_keep_their_ends() -> None:
+def test_fractal_lines_keep_their_ends() -> None:
     start, end = np.array([5.0, 10.0]), np.array([180.0, 90.0])
-    path = cracks.wander(np.random.default_rng(1), start, end, 0.05)
+    path = cracks.generate_fractal_line(np.random.default_rng(1), start, end, 0.05)
     assert path[0].tolist() == start.tolist()
     assert path[-1].tolist() == end.tolist()
-    assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < 12  # px: fine enough to look continuous
+    assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < 12  # px: dense enough for a continuous line
 
 
 def test_stepped_cracks_run_along_joints() -> None:
     width, height, corner = 40.0, 15.0, (7.0, 4.0)
-    path = cracks.along_joints(np.random.default_rng(3), corner, (width, height), SIDE)
+    path = cracks.generate_stepped_line(np.random.default_rng(3), corner, (width, height), SIDE)
     row = (path[:, 1] - corner[1]) / height
     to_bed = np.abs(row - np.round(row)) * height
     to_head = np.array(
@@ -103,11 +103,13 @@ def test_stepped_cracks_run_along_joints() -> None:
     assert np.minimum(to_bed, to_head).max() < 3  # px off any joint
 
 
-def test_a_hole_is_changed_inside_and_hardly_outside() -> None:
+def test_spalling_changes_little_outside_the_hole() -> None:
     canvas = _canvas(4)
     before = canvas.image.copy()
     place = Place(y=30, x=20, height=120, width=140, window=(-1, 1, -1, 1))
-    lost = spall(canvas, place, bars=(Bars(upright=True, count=2, thick_px=6, apart_px=30, lean=0.0),), beneath=None)
+    lost = paint_spalling(
+        canvas, place, bars=(Bars(upright=True, count=2, thick_px=6, apart_px=30, lean=0.0),), beneath=None
+    )
     change = np.abs(canvas.image - before).mean(axis=2)
     inside = np.zeros((SIDE, SIDE), dtype=bool)
     inside[30:150, 20:160] = lost
@@ -116,13 +118,13 @@ def test_a_hole_is_changed_inside_and_hardly_outside() -> None:
     assert (change[:30].max(), change[150:].max()) == (0, 0)
 
 
-@pytest.mark.parametrize("darker", [moisture.damp_patch, moisture.rising_damp])
-def test_damp_keeps_the_texture(darker: object) -> None:
+@pytest.mark.parametrize("paint", [moisture.paint_damp_patch, moisture.paint_rising_damp])
+def test_damp_keeps_the_texture(paint: object) -> None:
     canvas = _canvas(6)
     canvas.image[:] *= (1 + 0.2 * np.sin(np.arange(SIDE) * 1.3))[None, :, None].astype(np.float32)
     before = canvas.image.copy()
     place = Place(y=20, x=20, height=150, width=150, window=(-1, 1, -1, 1))
-    wet = darker(canvas, place)  # type: ignore[operator]
+    wet = paint(canvas, place)  # type: ignore[operator]
     assert wet.any()
     rows, columns = np.nonzero(wet)
     was = before[20:170, 20:170][rows, columns].mean(axis=1)
@@ -131,7 +133,7 @@ def test_damp_keeps_the_texture(darker: object) -> None:
     assert np.corrcoef(was, now)[0, 1] > 0.3
 
 
-def test_a_laid_wall_boxes_only_hurt_bricks() -> None:
+def test_a_composed_wall_boxes_only_damaged_bricks() -> None:
     sound = Brick(image=np.full((50, 100, 3), 90, dtype=np.uint8), index=None)
     spalled = Brick(image=np.full((50, 100, 3), 230, dtype=np.uint8), index=1)
     found = 0
@@ -145,7 +147,7 @@ def test_a_laid_wall_boxes_only_hurt_bricks() -> None:
     assert found >= 5
 
 
-def test_a_kept_folder_reads_back(tmp_path: Path) -> None:
+def test_a_folder_of_pictures_is_read(tmp_path: Path) -> None:
     (tmp_path / "images").mkdir()
     cv2.imwrite(str(tmp_path / "images" / "a.jpg"), np.zeros((20, 20, 3), np.uint8))
     coco = {
