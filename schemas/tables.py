@@ -1,4 +1,7 @@
-"""The tables: each with its grain, its key and its columns (a trailing ``?`` marks a column that may be null)."""
+"""The tables: each with its grain, its key and its columns (a trailing ``?`` marks a column that may be null).
+
+Type, unit, meaning and limits of a column are in ``columns.py``, its allowed words in ``vocabulary.py``.
+"""
 
 from __future__ import annotations
 

@@ -15,8 +15,8 @@ from scipy.sparse import csr_array
 
 from facadelake.core.arrays import BoolArray, Float64Array, Float64N, RowIndices
 from facadelake.deduplication.appearance import AppearanceScore
+from facadelake.deduplication.candidate_pairs import ObservationPairs, PositionNoise
 from facadelake.deduplication.observations import ObservationArrays
-from facadelake.deduplication.pairs import ObservationPairs, PositionNoise
 from facadelake.deduplication.settings import MergeSettings
 
 _GATE_EDGE = 0.75  # of the gate: joined pairs farther apart are ambiguous

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from facadelake.core.arrays import BoolArray, Float64N, RowIndices
-from facadelake.deduplication.linkage import label_groups
+from facadelake.deduplication.average_linkage import label_groups
+from facadelake.deduplication.candidate_pairs import ObservationPairs
 from facadelake.deduplication.observations import ObservationArrays
-from facadelake.deduplication.pairs import ObservationPairs
 from facadelake.deduplication.settings import MergeSettings
 
 _HOST_OBSERVATIONS_MIN = 2  # of the group that outvotes a single observation

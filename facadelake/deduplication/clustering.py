@@ -14,10 +14,16 @@ from facadelake.deduplication.ambiguous_pairs import (
     build_uncompared_pairs,
     compare_ambiguous_pairs,
 )
+from facadelake.deduplication.average_linkage import cluster_by_average_linkage, label_groups
+from facadelake.deduplication.candidate_pairs import (
+    ObservationPairs,
+    PositionNoise,
+    find_pairs,
+    find_pairs_in_gate,
+    update_pairs,
+)
 from facadelake.deduplication.class_outliers import assign_class_outliers
-from facadelake.deduplication.linkage import cluster_by_average_linkage, label_groups
 from facadelake.deduplication.observations import ObservationArrays
-from facadelake.deduplication.pairs import ObservationPairs, PositionNoise, find_pairs, find_pairs_in_gate, update_pairs
 from facadelake.deduplication.seams import find_units, merge_units
 from facadelake.deduplication.settings import MergeSettings
 from facadelake.deduplication.triangulation import GroupRays, VarianceEstimate, estimate_variances

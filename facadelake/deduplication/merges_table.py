@@ -9,10 +9,10 @@ import pyarrow as pa
 
 from facadelake.core.arrays import BoolArray, Float64N, RowIndices
 from facadelake.core.tables import check_table, get_stage_schema
+from facadelake.deduplication.candidate_pairs import compute_observation_covariance, concatenate_pairs, measure_pairs
 from facadelake.deduplication.clustering import Clustering
 from facadelake.deduplication.group_statistics import find_most_common
 from facadelake.deduplication.observations import ObservationArrays
-from facadelake.deduplication.pairs import compute_observation_covariance, concatenate_pairs, measure_pairs
 from facadelake.deduplication.settings import MergeSettings
 from schemas.vocabulary import MergeDecision, MergeReason
 

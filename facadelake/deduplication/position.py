@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from facadelake.core.arrays import BoolArray, Float64Array, Float64N, Float64Nx3, Float64Nx3x3, RowIndices
+from facadelake.deduplication.candidate_pairs import PositionNoise
 from facadelake.deduplication.observations import ObservationArrays
-from facadelake.deduplication.pairs import PositionNoise
 from facadelake.deduplication.settings import MergeSettings
 from facadelake.deduplication.triangulation import GroupRays, find_planes, triangulate_groups
 

@@ -16,15 +16,15 @@ from scipy.spatial import cKDTree
 
 from facadelake.building.surface import MISS, Surface
 from facadelake.core.arrays import Float64Array, Float64N, RowIndices
-from facadelake.deduplication.clustering import Clustering
-from facadelake.deduplication.linkage import label_groups
-from facadelake.deduplication.observations import ObservationArrays, concatenate_observations
-from facadelake.deduplication.pairs import (
+from facadelake.deduplication.average_linkage import label_groups
+from facadelake.deduplication.candidate_pairs import (
     PositionNoise,
     compute_observation_covariance,
     find_pairs_in_gate,
     measure_pairs,
 )
+from facadelake.deduplication.clustering import Clustering
+from facadelake.deduplication.observations import ObservationArrays, concatenate_observations
 from facadelake.deduplication.settings import MergeSettings
 from facadelake.deduplication.triangulation import GroupRays, SurfacePlanes, find_planes, triangulate_groups
 

@@ -13,9 +13,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from facadelake.core.arrays import BoolArray, Float64Array, Float64N, Float64Nx4, RowIndices
-from facadelake.deduplication.linkage import label_groups
+from facadelake.deduplication.average_linkage import label_groups
+from facadelake.deduplication.candidate_pairs import ObservationPairs
 from facadelake.deduplication.observations import ObservationArrays
-from facadelake.deduplication.pairs import ObservationPairs
 
 _SEAM_PX = 1.0  # boxes cut by one seam end on one line, to rounding
 _ALIGNED_SHARE = 0.9  # common part of both boxes' sides along a seam, where there is no other evidence

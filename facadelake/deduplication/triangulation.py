@@ -14,8 +14,8 @@ import numpy as np
 
 from facadelake.core.arrays import Float64Array, Float64N, Float64Nx3, Float64Nx3x3, RowIndices
 from facadelake.core.parallel import map_blocks
+from facadelake.deduplication.candidate_pairs import PositionNoise, compute_observation_covariance
 from facadelake.deduplication.observations import ObservationArrays
-from facadelake.deduplication.pairs import PositionNoise, compute_observation_covariance
 from facadelake.registration import compute_tangents
 
 _ITERATIONS = 12

@@ -5,8 +5,8 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
+from facadelake.deduplication.candidate_pairs import PositionNoise
 from facadelake.deduplication.observations import ObservationArrays
-from facadelake.deduplication.pairs import PositionNoise
 from facadelake.deduplication.position import estimate_positions
 from facadelake.deduplication.settings import MergeSettings
 
