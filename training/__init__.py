@@ -1,1 +1,1 @@
-"""How the shipped detector is made; a package of its own that nobody imports (README.md)."""
+"""Training of the shipped detector (README.md). No other package imports this one."""

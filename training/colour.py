@@ -1,32 +1,32 @@
-"""Light, colour and the camera's faults: what differs between two photographs of the same wall."""
+"""Photometric augmentation: illumination, colour, blur, noise and compression."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Image = NDArray[np.uint8]
-_DARKEST = 35  # mean grey level
+from facadelake.core.arrays import UInt8Image
+
+_GREY_MIN = 35  # mean grey level
 
 
-def disturbed(image: Image, rng: np.random.Generator) -> Image:
-    """The picture in another light, by another camera."""
+def augment_image(image: UInt8Image, rng: np.random.Generator) -> UInt8Image:
+    """Change illumination, colour and camera of a picture (h, w, 3) at random."""
     if rng.random() < 0.25:
-        image = _shaded(image, rng)
-    image = _toned(image, rng)
+        image = _add_shadow(image, rng)
+    image = _change_tone(image, rng)
     if rng.random() < 0.15:
-        image = _blurred(image, rng)
+        image = _blur(image, rng)
     if rng.random() < 0.25:
-        image = _noisy(image, rng)
+        image = _add_noise(image, rng)
     if rng.random() < 0.3:
         code = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(30, 95))])[1]
         image = np.asarray(cv2.imdecode(code, cv2.IMREAD_COLOR), dtype=np.uint8)
     return image
 
 
-def _noisy(image: Image, rng: np.random.Generator) -> Image:
-    """The sensor's noise, coloured or grey."""
+def _add_noise(image: UInt8Image, rng: np.random.Generator) -> UInt8Image:
+    """Add sensor noise, coloured or grey."""
     channels = 1 if rng.random() < 0.5 else 3
     cv2.setRNGSeed(int(rng.integers(2**31 - 1)))
     noise = np.empty((*image.shape[:2], channels), np.int16)
@@ -35,8 +35,8 @@ def _noisy(image: Image, rng: np.random.Generator) -> Image:
     return np.asarray(noisy, dtype=np.uint8)
 
 
-def _toned(image: Image, rng: np.random.Generator) -> Image:
-    """Exposure, contrast, gamma and white balance in one table; colourfulness; sometimes grey."""
+def _change_tone(image: UInt8Image, rng: np.random.Generator) -> UInt8Image:
+    """Change exposure, contrast, gamma, white balance and saturation; sometimes convert to grey."""
     levels = np.arange(256, dtype=np.float64) / 255
     gamma = np.exp(rng.normal(0, 0.3))
     contrast, brightness = np.exp(rng.normal(0, 0.25)), rng.normal(0, 0.1)
@@ -44,15 +44,15 @@ def _toned(image: Image, rng: np.random.Generator) -> Image:
     curve = (levels**gamma - 0.5) * contrast + 0.5 + brightness
     table = np.clip(curve[:, None] * balance, 0, 1) * 255
     toned = cv2.LUT(image, table.astype(np.uint8).reshape(1, 256, 3))
-    if toned.mean() < _DARKEST:  # nothing is left to be seen
+    if toned.mean() < _GREY_MIN:  # too dark to show defects
         toned = image
     strength = 0.0 if rng.random() < 0.1 else rng.uniform(0.4, 1.5)
     grey = cv2.cvtColor(toned, cv2.COLOR_BGR2GRAY)[..., None]
     return np.asarray(cv2.addWeighted(toned, strength, np.repeat(grey, 3, axis=2), 1 - strength, 0), dtype=np.uint8)
 
 
-def _shaded(image: Image, rng: np.random.Generator) -> Image:
-    """Darker beyond a straight edge, hard or soft: a cast shadow, or light that falls off."""
+def _add_shadow(image: UInt8Image, rng: np.random.Generator) -> UInt8Image:
+    """Darken one side of a straight edge, hard (a cast shadow) or soft (uneven illumination)."""
     height, width = image.shape[:2]
     angle = rng.uniform(0, 2 * np.pi)
     x = (np.arange(width, dtype=np.float32) - rng.uniform(0, width)) * np.float32(np.cos(angle))
@@ -64,7 +64,8 @@ def _shaded(image: Image, rng: np.random.Generator) -> Image:
     return np.asarray(cv2.multiply(image, cv2.merge([factor] * 3), dtype=cv2.CV_8U), dtype=np.uint8)
 
 
-def _blurred(image: Image, rng: np.random.Generator) -> Image:
+def _blur(image: UInt8Image, rng: np.random.Generator) -> UInt8Image:
+    """Blur by a Gaussian, or by motion along a line."""
     if rng.random() < 0.6:
         return np.asarray(cv2.GaussianBlur(image, (0, 0), rng.uniform(0.4, 1.4)), dtype=np.uint8)
     length = int(rng.integers(3, 7))

@@ -1,4 +1,4 @@
-"""Examples made in processes of their own while the network computes. No torch in here: the processes stay small."""
+"""Training examples from a separate process, while the network computes; without torch, to limit its memory."""
 
 from __future__ import annotations
 
@@ -12,34 +12,34 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from facadelake.core.arrays import Float64Array, Int64Array, UInt8Image
 from training.data.sample import Sample
 from training.mix import Example, Mix, Pool
-from training.sources import Source, training_sources
-from training.view import View, view_of
+from training.sources import Source, read_training_sources
+from training.view import View, read_view
 
-Batch = tuple[NDArray[np.uint8], list[NDArray[np.float64]], list[NDArray[np.int64]]]
-_AHEAD = 6  # batches that wait
+Batch = tuple[UInt8Image, list[Float64Array], list[Int64Array]]
+_QUEUE_BATCHES = 6  # largest number of batches in the queue
 _TILE_PX = 640
 
 
-def pool_of(source: Source) -> Pool:
-    """Read a source's pictures; a site is drawn as often as the root of the number of its pictures says."""
+def read_pool(source: Source) -> Pool:
+    """Read the pictures of a source; the weight of a site is the square root of its number of pictures."""
     views: list[View] = []
     sites: list[str] = []
     for sample in source.samples:
-        made = _views(sample)
-        views += made
-        sites += [sample.site] * len(made)
+        sample_views = _read_views(sample)
+        views += sample_views
+        sites += [sample.site] * len(sample_views)
     counts = Counter(sites)
     weights = np.array([counts[site] ** -0.5 for site in sites])
     return Pool(name=source.name, share=source.share, views=views, weights=weights / weights.sum())
 
 
-def _views(sample: Sample) -> list[View]:
-    """The picture as a whole; where it is large and free of defects, tiles in full resolution too."""
-    views = [view_of(sample)]
+def _read_views(sample: Sample) -> list[View]:
+    """The whole picture; if it is large and free of defects, also its tiles in full resolution."""
+    views = [read_view(sample)]
     if len(sample.classes):
         return views
     image = sample.read()
@@ -53,16 +53,16 @@ def _views(sample: Sample) -> list[View]:
     return views
 
 
-def mix_of(sources: Sequence[Source], side_px: int) -> Mix:
-    """Everything to draw from."""
-    pools = [pool_of(source) for source in sources]
+def read_mix(sources: Sequence[Source], side_px: int) -> Mix:
+    """Read the pictures of all sources."""
+    pools = [read_pool(source) for source in sources]
     walls = next(pool for pool in pools if pool.name == "negatives")
     return Mix(pools=pools, walls=walls, side_px=side_px, transplant_share=0.2, mosaic_share=0.35)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Order:
-    """What a loading process is to make."""
+class LoaderOptions:
+    """Sources, size of pictures and batches, and seed of a loading process."""
 
     data: Path
     generated: tuple[Path, ...]
@@ -71,40 +71,42 @@ class Order:
     seed: int
 
 
-def batches(order: Order, *, stop: Event, mosaic: Event) -> Iterator[Batch]:
-    """Endless batches from a process of its own, until ``stop``; mosaics as long as ``mosaic`` is set."""
+def generate_batches(options: LoaderOptions, *, stop: Event, mosaic: Event) -> Iterator[Batch]:
+    """Generate batches in a separate process until ``stop`` is set, with mosaics while ``mosaic`` is set."""
     context = multiprocessing.get_context("spawn")
-    waiting = context.Queue(maxsize=_AHEAD)
-    worker = context.Process(target=_work, args=(order, stop, mosaic, waiting), daemon=True)
+    batches = context.Queue(maxsize=_QUEUE_BATCHES)
+    worker = context.Process(target=_produce_batches, args=(options, stop, mosaic, batches), daemon=True)
     worker.start()
     while not stop.is_set():
         try:
-            yield waiting.get(timeout=120)
+            yield batches.get(timeout=120)
         except queue.Empty:
             if not worker.is_alive():
-                raise RuntimeError("the process that makes training pictures has ended; its message is above") from None
+                raise RuntimeError(
+                    "the process that generates training examples has ended; its message is above"
+                ) from None
     worker.join(timeout=10)
 
 
-def _work(order: Order, stop: Event, mosaic: Event, waiting: multiprocessing.Queue[Batch]) -> None:
+def _produce_batches(options: LoaderOptions, stop: Event, mosaic: Event, batches: multiprocessing.Queue[Batch]) -> None:
     cv2.setNumThreads(1)
-    rng = np.random.default_rng(order.seed)
-    mix = mix_of(training_sources(order.data, order.generated), order.side_px)
+    rng = np.random.default_rng(options.seed)
+    mix = read_mix(read_training_sources(options.data, options.generated), options.side_px)
     while not stop.is_set():
-        examples = [mix.example(rng, mosaic_share=None if mosaic.is_set() else 0.0) for _ in range(order.batch)]
-        made = pack(examples)
+        examples = [mix.draw_example(rng, mosaic_share=None if mosaic.is_set() else 0.0) for _ in range(options.batch)]
+        batch = pack_batch(examples)
         while not stop.is_set():
             try:
-                waiting.put(made, timeout=1)
+                batches.put(batch, timeout=1)
                 break
             except queue.Full:
                 parent = multiprocessing.parent_process()
-                if parent is None or not parent.is_alive():  # killed: nobody will take another batch
-                    waiting.cancel_join_thread()
+                if parent is None or not parent.is_alive():  # the parent was killed: no further batch is taken
+                    batches.cancel_join_thread()
                     return
 
 
-def pack(examples: Sequence[Example]) -> Batch:
-    """Arrays for the queue."""
+def pack_batch(examples: Sequence[Example]) -> Batch:
+    """Arrays of a batch of examples."""
     images = np.stack([example.image for example in examples])
     return images, [example.boxes_px for example in examples], [example.classes for example in examples]

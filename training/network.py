@@ -1,8 +1,8 @@
-"""YOLOX-nano as a torch module that can be trained, made from its ONNX file by onnx2torch.
+"""YOLOX-nano as a trainable torch module, converted from its ONNX file by onnx2torch.
 
-The ONNX file has batch normalisation folded into its convolutions. Behind each of them a new one is put, set so that
-the network computes what it did; without it training runs away or crawls. Folding it again at export
-(training/export.py) gives upstream's graph with other numbers in it.
+In the ONNX file batch normalisation is folded into the convolutions. A new normalisation is inserted after each
+convolution and initialised so that the output is unchanged; without it training diverges or is slow. At export
+(training/export.py) it is folded again, so that upstream's graph can be used with the new weights.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from onnx2torch import convert
 from torch import Tensor, nn
 
 LEVELS = 3
-_FOCUS_OUTPUT = "input"  # behind the four slices that turn 2 x 2 pixels into channels; they cost nothing in torch
+_FOCUS_OUTPUT = "input"  # output of the four slices that move 2 x 2 pixels to channels; in torch they are views
 
 
 class ConvNorm(nn.Module):
-    """A convolution and the batch normalisation that was folded into it."""
+    """A convolution followed by batch normalisation."""
 
     def __init__(self, conv: nn.Conv2d) -> None:
         super().__init__()
@@ -29,8 +29,8 @@ class ConvNorm(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         return self.norm(self.conv(x))  # type: ignore[no-any-return]
 
-    def folded(self) -> tuple[Tensor, Tensor]:
-        """Weight and bias of the one convolution that computes the same, in float64."""
+    def fold(self) -> tuple[Tensor, Tensor]:
+        """Weight and bias of the equivalent single convolution, in float64."""
         norm = self.norm
         assert norm.running_var is not None and norm.running_mean is not None
         gain = norm.weight.double() / (norm.running_var.double() + norm.eps).sqrt()
@@ -40,8 +40,11 @@ class ConvNorm(nn.Module):
 
 
 class Yolox(nn.Module):
-    """``forward``: (b, 3, h, w) of 0..255 BGR -> (b, cells, 5 + classes): offsets in cells, log sizes, logits of
-    objectness and classes; cells of all levels, row by row."""
+    """Detector: images (b, 3, h, w; BGR, 0 to 255) to raw outputs (b, cells, 5 + classes).
+
+    An output has 2 offsets in cells, 2 logarithms of sizes, and logits of objectness and classes. The cells are in the
+    order of levels, then rows.
+    """
 
     def __init__(self, body: nn.Module, class_count: int) -> None:
         super().__init__()
@@ -59,19 +62,19 @@ class Yolox(nn.Module):
         return torch.cat(levels, dim=2).transpose(1, 2)
 
 
-def prediction_nodes(model: onnx.ModelProto) -> list[onnx.NodeProto]:
-    """The last convolutions: classes, boxes, objectness of each level."""
+def list_prediction_nodes(model: onnx.ModelProto) -> list[onnx.NodeProto]:
+    """The last convolutions of the graph: classes, boxes and objectness of each level."""
     by_weight = {node.input[1]: node for node in model.graph.node if node.op_type == "Conv"}
     return [by_weight[f"head.{part}_preds.{k}.weight"] for k in range(LEVELS) for part in ("cls", "reg", "obj")]
 
 
-def trainable(weights: Path, *, class_count: int) -> Yolox:
-    """The network of an upstream YOLOX ONNX file with ``class_count`` classes of its own; call ``settle`` next."""
+def load_yolox(weights: Path, *, class_count: int) -> Yolox:
+    """Load upstream's ONNX file as a network with ``class_count`` new classes; call ``initialise_norms`` afterwards."""
     model = onnx.shape_inference.infer_shapes(onnx.load(weights))
-    outputs = [node.output[0] for node in prediction_nodes(model)]
+    outputs = [node.output[0] for node in list_prediction_nodes(model)]
     body = convert(onnx.utils.Extractor(model).extract_model([_FOCUS_OUTPUT], outputs))
     _fuse_silu(body)
-    last = {node.name for node in prediction_nodes(model)}
+    last = {node.name for node in list_prediction_nodes(model)}
     graph_convs = [name for name, module in body.named_children() if isinstance(module, nn.Conv2d)]
     for name in graph_convs:
         conv = body.get_submodule(name)
@@ -87,10 +90,10 @@ def trainable(weights: Path, *, class_count: int) -> Yolox:
 
 
 @torch.no_grad()
-def settle(network: nn.Module, images: Tensor) -> None:
-    """Set every batch normalisation from the activations of ``images`` so that it changes nothing on them."""
+def initialise_norms(network: nn.Module, images: Tensor) -> None:
+    """Initialise each batch normalisation from the activations of ``images`` such that it leaves them unchanged."""
 
-    def identity(module: nn.Module, inputs: tuple[Tensor, ...]) -> None:
+    def set_to_identity(module: nn.Module, inputs: tuple[Tensor, ...]) -> None:
         assert isinstance(module, nn.BatchNorm2d)
         variance, mean = torch.var_mean(inputs[0], dim=(0, 2, 3), unbiased=False)
         module.running_mean.copy_(mean)  # type: ignore[union-attr]
@@ -99,7 +102,7 @@ def settle(network: nn.Module, images: Tensor) -> None:
         module.bias.copy_(mean)
 
     norms = [module for module in network.modules() if isinstance(module, nn.BatchNorm2d)]
-    hooks = [norm.register_forward_pre_hook(identity) for norm in norms]
+    hooks = [norm.register_forward_pre_hook(set_to_identity) for norm in norms]
     network.eval()
     network(images)
     for hook in hooks:
@@ -107,7 +110,7 @@ def settle(network: nn.Module, images: Tensor) -> None:
 
 
 def _fuse_silu(body: nn.Module) -> None:
-    """x * sigmoid(x) as one operation: a third less memory to go through."""
+    """Replace x * sigmoid(x) by one operation, which needs a third less memory traffic."""
     graph = body.graph  # type: ignore[union-attr]
     for node in list(graph.nodes):
         if node.op != "call_module" or not isinstance(body.get_submodule(node.target), nn.Sigmoid):

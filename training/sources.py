@@ -1,4 +1,4 @@
-"""Which pictures are learned from, and how often each kind is shown."""
+"""Sources of training and validation pictures, and their shares."""
 
 from __future__ import annotations
 
@@ -22,52 +22,53 @@ TRAINED_ON = (
     "pictures drawn by training.generate on grounds of the sets above",
     "started from YOLOX-nano trained on COCO by Megvii (Apache-2.0)",
 )
-KEPT_BACK = 40  # of so many generated pictures one is
+VALIDATION_INTERVAL = 40  # every 40th generated picture is for validation
 
 
 @dataclass(frozen=True, kw_only=True)
 class Source:
-    """Pictures of one kind; ``share`` of what is shown comes from it."""
+    """Pictures of one kind; ``share``: weight of the kind in the random choice of training pictures."""
 
     name: str
     share: float
     samples: Sequence[Sample]
 
 
-def training_sources(data: Path, generated: Sequence[Path]) -> tuple[Source, ...]:
-    """What the shipped detector learns from.
+def read_training_sources(data: Path, generated: Sequence[Path]) -> tuple[Source, ...]:
+    """The sources that the shipped detector is trained on.
 
-    ``data`` holds `defects` and `drone`, ``generated`` are folders written by training.generate; without any, only
-    cracks are learned.
+    Args:
+        data: folder with `defects` and `drone`.
+        generated: folders written by training.generate; without any, only cracks are trained.
     """
     cracks = [sample for sample in read_cracks(data / "defects") if sample.split is Split.TRAIN]
     negatives = [sample for sample in read_negatives(data) if sample.split is Split.TRAIN]
-    drawn = [sample for folder in generated for sample in _drawn(folder)[0]]
+    pictures = [sample for folder in generated for sample in _split_generated(folder)[0]]
     real = (
         Source(name="cracks", share=0.35, samples=cracks),
         Source(name="negatives", share=0.2, samples=negatives),
     )
-    return (*real, Source(name="generated", share=0.45, samples=drawn)) if drawn else real
+    return (*real, Source(name="generated", share=0.45, samples=pictures)) if pictures else real
 
 
-def validation_samples(data: Path) -> tuple[Sample, ...]:
-    """Real pictures of the sites kept for choosing: with cracks, and without defects."""
+def read_validation_samples(data: Path) -> tuple[Sample, ...]:
+    """Real pictures of the validation sites, with cracks and without defects."""
     real = (*read_cracks(data / "defects"), *read_negatives(data))
     return tuple(sample for sample in real if sample.split is Split.VAL)
 
 
-def judged_samples(folders: Sequence[Path]) -> tuple[Sample, ...]:
-    """Real pictures to choose by, not to learn from, in folders with coco.json and images (training.data.judged)."""
+def read_evaluation_samples(folders: Sequence[Path]) -> tuple[Sample, ...]:
+    """Real pictures for validation, not for training, from folders of training.data.evaluation_sets."""
     return tuple(sample for folder in folders for sample in read_pictures(folder, split=Split.VAL))
 
 
-def drawn_samples(generated: Sequence[Path]) -> tuple[Sample, ...]:
-    """Generated pictures that are not learned from: the only ones with boxes of spalling and moisture."""
-    return tuple(sample for folder in generated for sample in _drawn(folder)[1])
+def read_generated_samples(generated: Sequence[Path]) -> tuple[Sample, ...]:
+    """Generated pictures for validation, with all classes."""
+    return tuple(sample for folder in generated for sample in _split_generated(folder)[1])
 
 
-def _drawn(folder: Path) -> tuple[list[Sample], list[Sample]]:
-    """Generated pictures to learn from, and one in twenty that is kept back."""
+def _split_generated(folder: Path) -> tuple[list[Sample], list[Sample]]:
+    """Generated pictures for training, and those for validation."""
     samples = read_pictures(folder)
-    kept = range(0, len(samples), KEPT_BACK)
-    return [sample for i, sample in enumerate(samples) if i not in kept], [samples[i] for i in kept]
+    validation = range(0, len(samples), VALIDATION_INTERVAL)
+    return [sample for i, sample in enumerate(samples) if i not in validation], [samples[i] for i in validation]

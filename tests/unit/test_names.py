@@ -47,7 +47,7 @@ VERBS = frozenset(
 NAMED_BY_OTHERS = frozenset(
     {"main", "campaigns", "defects", "sql", "pictures", "doctor", "cache", "emit", "training_set"}
 )
-# Short ways to declare a column (schemas/column.py): the declaration reads as a list of nouns.
+# Short ways to declare a column (schemas/column_type.py): the declaration reads as a list of nouns.
 DECLARATIONS = frozenset({"text", "real", "count", "time", "flag"})
 # Words of this project's early private dialect; docs/glossary.md has the field's.
 DIALECT = frozenset(

@@ -1,14 +1,14 @@
-"""Random examples: boxes lie on what they name, whatever is done to the picture."""
+"""Random examples: boxes lie on their defects after placement and augmentation."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 
-from training.colour import _noisy, disturbed
-from training.crackpath import crack_path
-from training.mix import Example, Mix, Pool, random_placing
-from training.transplant import transplanted
+from training.colour import _add_noise, augment_image
+from training.crackpath import trace_crack
+from training.mix import Example, Mix, Pool, draw_placement
+from training.transplant import transplant_cracks
 from training.view import View
 
 SIDE = 320
@@ -26,7 +26,7 @@ def _crack(seed: int) -> View:
     points = np.column_stack([np.linspace(20, 380, 21), y]).round().astype(np.int32)
     cv2.polylines(image, [points], False, (40, 40, 40), 3)
     box = np.array([20, points[:, 1].min() - 5, 380, points[:, 1].max() + 5], dtype=np.float64)
-    return View(image=image, boxes_px=box[None], classes=np.array([0]), paths=(crack_path(image, box),))
+    return View(image=image, boxes_px=box[None], classes=np.array([0]), paths=(trace_crack(image, box),))
 
 
 def _pool(name: str, share: float, views: list[View]) -> Pool:
@@ -62,7 +62,7 @@ def test_boxes_are_inside_and_on_cracks() -> None:
     rng = np.random.default_rng(1)
     verdicts: list[bool] = []
     for _ in range(60):
-        example = MIX.example(rng)
+        example = MIX.draw_example(rng)
         assert example.image.shape == (SIDE, SIDE, 3) and example.image.dtype == np.uint8
         assert ((example.boxes_px >= 0) & (example.boxes_px <= SIDE)).all()
         assert len(example.boxes_px) == len(example.classes)
@@ -73,20 +73,20 @@ def test_boxes_are_inside_and_on_cracks() -> None:
 
 def test_examples_without_mosaic_hold_one_picture() -> None:
     rng = np.random.default_rng(2)
-    assert max(len(MIX.example(rng, mosaic_share=0.0).classes) for _ in range(40)) == 1
-    assert max(len(MIX.example(rng, mosaic_share=1.0).classes) for _ in range(40)) > 1
+    assert max(len(MIX.draw_example(rng, mosaic_share=0.0).classes) for _ in range(40)) == 1
+    assert max(len(MIX.draw_example(rng, mosaic_share=1.0).classes) for _ in range(40)) > 1
 
 
-def test_moisture_is_never_turned() -> None:
+def test_moisture_is_never_rotated() -> None:
     view = View(image=_wall(0), boxes_px=np.array([[10.0, 20, 200, 300]]), classes=np.array([2]), paths=(None,))
     rng = np.random.default_rng(3)
     for _ in range(40):
-        matrix = random_placing(view, SIDE, SIDE, rng).input_from_image
+        matrix = draw_placement(view, SIDE, SIDE, rng).input_from_image
         assert matrix[1, 1] > 0 and matrix[0, 1] == matrix[1, 0] == 0
 
 
-def test_a_transplanted_crack_is_seen_on_the_other_wall() -> None:
-    view = transplanted(_crack(1), _wall(9, 120.0), np.random.default_rng(4))
+def test_a_transplanted_crack_is_visible_on_the_other_wall() -> None:
+    view = transplant_cracks(_crack(1), _wall(9, 120.0), np.random.default_rng(4))
     (path,) = view.paths
     assert path is not None
     columns, rows = path.points_px.round().astype(int).T
@@ -95,15 +95,15 @@ def test_a_transplanted_crack_is_seen_on_the_other_wall() -> None:
     assert np.median(grey[rows, columns]) < 0.75 * np.median(grey)  # its crack
 
 
-def test_no_crack_is_put_where_it_would_be_lost() -> None:
+def test_no_crack_is_transplanted_where_it_would_be_invisible() -> None:
     view = _crack(1)
-    assert transplanted(view, _wall(9, 8.0), np.random.default_rng(4)) is view
+    assert transplant_cracks(view, _wall(9, 8.0), np.random.default_rng(4)) is view
 
 
-def test_disturbing_keeps_size_and_never_twice_the_same() -> None:
+def test_augmentation_keeps_the_size_and_never_repeats() -> None:
     rng = np.random.default_rng(5)
     wall = _wall(0)
-    made = [disturbed(wall, rng) for _ in range(30)]
+    made = [augment_image(wall, rng) for _ in range(30)]
     assert {image.shape for image in made} == {wall.shape} and {image.dtype for image in made} == {wall.dtype}
     assert len({image.tobytes() for image in made}) == 30
 
@@ -112,4 +112,4 @@ def test_noise_is_in_every_channel() -> None:
     grey = np.full((200, 200, 3), 128, np.uint8)
     rng = np.random.default_rng(6)
     for _ in range(8):
-        assert (_noisy(grey, rng).std(axis=(0, 1)) > 0.6).all()  # grey levels; 1 to 9 are put in
+        assert (_add_noise(grey, rng).std(axis=(0, 1)) > 0.6).all()  # grey levels; 1 to 9 are put in
