@@ -50,7 +50,7 @@ class Building(StrictModel):
     crs: BuildingCrs = BuildingCrs()
     storeys: tuple[StoreySetting, ...] = ()
     tolerances: Tolerances = Tolerances()
-    severity_rules: Identifier = "extent_v1"
+    severity_rules: Identifier = "width_and_extent_v1"
     _variables: tuple[str, ...] = PrivateAttr(default=())
 
     @model_validator(mode="after")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 
 import pyarrow as pa
@@ -15,6 +16,7 @@ import pyarrow as pa
 from facadelake.core.checkout import locate_source
 from facadelake.core.duckdb_engine import SqlError, open_duckdb
 from facadelake.core.errors import InputDataError, SchemaError
+from facadelake.core.sql_files import read_statement_file
 from facadelake.core.sql_guard import require_plain_select
 from schemas.tables import TABLES
 
@@ -40,6 +42,31 @@ def find_rule_file(name: str, folder: Path = RULE_FOLDER) -> Path:
         available = ", ".join(list_rule_packs(folder)) or "none"
         raise InputDataError(f"there is no severity rule pack {name} in {folder}; available: {available}")
     return path
+
+
+@dataclass(frozen=True, kw_only=True)
+class RulePack:
+    """What the header of a rule pack says: ``severities`` worst first, ``basis`` the lines of its limits and sources.
+
+    An indented line of ``basis`` is one item of a list.
+    """
+
+    name: str
+    meaning: str
+    severities: tuple[str, ...]
+    basis: tuple[str, ...]
+
+
+def read_rule_pack(name: str, folder: Path = RULE_FOLDER) -> RulePack:
+    """The header of rule pack ``name``. Raises InputDataError where there is no such pack."""
+    path = find_rule_file(name, folder)
+    text = path.read_text("utf-8")
+    (statement,) = read_statement_file(path)
+    comments = [line.removeprefix("--").removeprefix(" ") for line in text.splitlines() if line.startswith("--")]
+    basis = tuple(line for line in comments if line and not re.match(r"(grain|meaning|severities): ", line))
+    return RulePack(
+        name=name, meaning=statement.meaning, severities=tuple(_parse_severities(text, path.name)), basis=basis
+    )
 
 
 def grade_defects(defects: pa.Table, rule_file: Path) -> pa.Table:

@@ -1,5 +1,5 @@
 -- grain: facade and class
--- meaning: how many defects of each class a facade has, how many of them severe, and their area
+-- meaning: how many defects of each class a facade has, how many of them severe (very_severe, UNSAFE, over_limit), and their area
 -- $building_id: the building; left out, all of them
 -- $campaign_id: the campaign; left out, all of them
 SELECT
@@ -8,7 +8,7 @@ SELECT
     facade,
     defect_class,
     count(*) AS defects,
-    count(*) FILTER (severity = 'severe') AS severe,
+    count(*) FILTER (severity IN ('severe', 'very_severe', 'UNSAFE', 'over_limit')) AS severe,
     round(sum(area_m2), 3) AS area_m2
 FROM defects
 WHERE ($building_id::VARCHAR IS NULL OR building_id = $building_id)

@@ -1,5 +1,5 @@
 -- grain: storey and class
--- meaning: how many defects of each class a storey has, how many of them severe, and their area; the lowest first
+-- meaning: how many defects of each class a storey has, how many of them severe (very_severe, UNSAFE, over_limit), and their area; the lowest first
 -- $building_id: the building; left out, all of them
 -- $campaign_id: the campaign; left out, all of them
 WITH placed AS (
@@ -16,7 +16,7 @@ SELECT
     coalesce(storey, '(no storey)') AS storey,
     defect_class,
     count(*) AS defects,
-    count(*) FILTER (severity = 'severe') AS severe,
+    count(*) FILTER (severity IN ('severe', 'very_severe', 'UNSAFE', 'over_limit')) AS severe,
     round(sum(area_m2), 3) AS area_m2
 FROM placed
 GROUP BY building_id, campaign_id, storey, storey_from_m, defect_class

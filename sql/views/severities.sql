@@ -8,5 +8,6 @@ FROM (VALUES
     ('concrete_03_v1', ['over_limit', 'within_limit', 'not_measured', 'not_covered']),
     ('extent_v1', ['severe', 'moderate', 'minor']),
     ('nyc_fisp_v1', ['UNSAFE', 'SWARMP', 'SAFE']),
-    ('paper_crack_width_v1', ['severe', 'moderate', 'minor', 'not_measured', 'not_covered'])
+    ('paper_crack_width_v1', ['severe', 'moderate', 'minor', 'not_measured', 'not_covered']),
+    ('width_and_extent_v1', ['severe', 'moderate_or_worse', 'moderate', 'minor_or_worse', 'minor'])
 ) AS rules (severity_rule, words)

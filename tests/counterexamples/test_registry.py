@@ -181,5 +181,5 @@ def test_an_unknown_severity_rule_pack(tmp_path: Path) -> None:
     folder = Path(__file__).resolve().parents[2] / "data" / "severity"
     assert str(raised.value) == (
         f"there is no severity rule pack extent_v9 in {folder}; available: bre251_v1, concrete_03_v1, extent_v1, "
-        "nyc_fisp_v1, paper_crack_width_v1"
+        "nyc_fisp_v1, paper_crack_width_v1, width_and_extent_v1"
     )

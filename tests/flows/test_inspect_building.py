@@ -17,6 +17,7 @@ import pytest
 
 from facadelake.lake.read import list_versions, read_table
 from tests.flows.conftest import CAMPAIGN, SmallPortfolio
+from tests.unit.severity.rule_headers import read_severities
 
 pytestmark = pytest.mark.slow
 
@@ -62,7 +63,7 @@ def test_a_campaign_becomes_tables(small: SmallPortfolio, first_run: str) -> Non
     observations, defects = rows(small, "observations"), rows(small, "defects")
     assert {row["defect_id"] for row in observations} - {None} == {row["defect_id"] for row in defects}
     assert len(defects) >= 25
-    assert all(row["severity"] in ("minor", "moderate", "severe") for row in defects)
+    assert all(row["severity"] in read_severities("width_and_extent_v1") for row in defects)
     assert all(row["passed"] for row in rows(small, "checks"))
     for said in ("2 rejected", "broken.JPG", "georeference", "gcp", "by storey", "Ground floor", "published/small"):
         assert said in first_run

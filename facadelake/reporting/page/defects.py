@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 
+from facadelake.core.errors import InputDataError
 from facadelake.reporting.cards.facts import format_crack_width
 from facadelake.reporting.distribution import Distribution
 from facadelake.reporting.drawing.labels import label_ids
@@ -15,28 +17,8 @@ from facadelake.reporting.drawing.palette import get_class_colour
 from facadelake.reporting.elevations.elevation import Elevation
 from facadelake.reporting.inspection import Inspection
 from facadelake.reporting.page.html import Html, html_from_value, link_file, render_paragraph, render_table
-
-# Grades of the rule packs in data/severity/, the most severe first. Unknown grades follow them; grades that mean "not
-# graded" are last.
-_MOST_SEVERE_FIRST = (
-    "very_severe",
-    "unsafe",
-    "critical",
-    "severe",
-    "over_limit",
-    "high",
-    "swarmp",
-    "moderate",
-    "medium",
-    "slight",
-    "low",
-    "minor",
-    "very_slight",
-    "negligible",
-    "within_limit",
-    "safe",
-)
-_NO_GRADE = ("not_measured", "not_covered", "ungraded", "none", "")
+from facadelake.severity import RulePack, read_rule_pack
+from schemas.vocabulary import CrackWidthOutcome, DefectClass
 
 
 def count_by_facade(distribution: Distribution) -> Html:
@@ -54,17 +36,56 @@ def count_by_facade(distribution: Distribution) -> Html:
     return render_table(heads, lines, numeric=range(2, len(heads)))
 
 
-def _rank_severity(severity: str) -> int:
-    grade = severity.lower()
-    if grade in _NO_GRADE:
-        return len(_MOST_SEVERE_FIRST) + 1 + _NO_GRADE.index(grade)
-    return _MOST_SEVERE_FIRST.index(grade) if grade in _MOST_SEVERE_FIRST else len(_MOST_SEVERE_FIRST)
-
-
 def sort_by_severity(defects: pa.Table) -> list[dict[str, Any]]:
-    """Rows of table ``defects``: the most severe first, those of one grade by decreasing area."""
+    """Rows of table ``defects``: the most severe by their rule pack first, those of one grade by decreasing area.
+
+    A grade that its rule pack does not list (by a person, or of a pack that is no longer there) comes after the others.
+    """
     rows: list[dict[str, Any]] = defects.to_pylist()
-    return sorted(rows, key=lambda row: (_rank_severity(row["severity"]), -row["area_m2"], row["defect_id"]))
+    packs = _read_rule_packs(rows)
+
+    def rank(row: dict[str, Any]) -> float:
+        severities = packs[row["severity_rule"]].severities if row["severity_rule"] in packs else ()
+        return severities.index(row["severity"]) / len(severities) if row["severity"] in severities else 1.0
+
+    return sorted(rows, key=lambda row: (rank(row), -row["area_m2"], row["defect_id"]))
+
+
+def _read_rule_packs(rows: Sequence[Mapping[str, Any]]) -> dict[str, RulePack]:
+    """The rule packs that graded the defects, by name, without those that are no longer there."""
+    packs = {}
+    for name in sorted({row["severity_rule"] for row in rows}):
+        with suppress(InputDataError):
+            packs[name] = read_rule_pack(name)
+    return packs
+
+
+def describe_severity_rules(inspection: Inspection) -> list[Html]:
+    """The rules by which the defects were graded, as their packs state them, and the cracks without a width."""
+    rows = inspection.defects.to_pylist()
+    packs = _read_rule_packs(rows)
+    cracks = [row for row in rows if row["defect_class"] == DefectClass.CRACK]
+    if not rows:
+        return [render_paragraph("No defect, so no severity.")]
+    parts = []
+    for name in sorted({row["severity_rule"] for row in rows}):
+        if name not in packs:
+            parts.append(render_paragraph(f"Rule pack {name} is not in data/severity/ of this Facadelake."))
+            continue
+        pack = packs[name]
+        parts.append(render_paragraph(f"Rule pack {name}: {pack.meaning}. Severities, worst first: "
+                                      f"{', '.join(pack.severities)}."))  # fmt: skip
+        parts.append(Html(f"<pre>{html_from_value(chr(10).join(pack.basis))}</pre>"))
+    if cracks:
+        measured = sum(row["crack_width_mm"] is not None for row in cracks)
+        bounded = sum(row["crack_width_outcome"] == CrackWidthOutcome.BELOW_LIMIT for row in cracks)
+        parts.append(
+            render_paragraph(
+                f"Width measured of {measured} of {len(cracks)} cracks, known by an upper limit of {bounded}, "
+                f"not measured of {len(cracks) - measured - bounded}."
+            )
+        )
+    return parts
 
 
 def list_defects(
@@ -98,7 +119,8 @@ def list_defects(
             )
         notes.append(
             render_paragraph(
-                f"{note}Severities are proposed by rule pack {rules} and require an engineer's assessment."
+                f"{note}Severities are proposed by rule pack {rules} (rules below) and require an engineer's "
+                "assessment."
             )
         )
     if missing:

@@ -24,7 +24,7 @@ from facadelake.reporting.page.campaign import (
     list_unused_photographs,
     summarise_checks,
 )
-from facadelake.reporting.page.defects import count_by_facade, list_defects, sort_by_severity
+from facadelake.reporting.page.defects import count_by_facade, describe_severity_rules, list_defects, sort_by_severity
 from facadelake.reporting.page.html import (
     Html,
     html_from_value,
@@ -49,6 +49,7 @@ _PLAN = "Metres east and north of the site's origin. Arrows show viewing directi
 _CONTENTS = {
     "elevations": "Elevations",
     "defects": "Defects",
+    "severity": "Severity rules",
     "distribution": "Distribution",
     "plan": "Plan",
     "photographs": "Photographs",
@@ -99,6 +100,7 @@ def write_report(
         _render_key_figures(inspection),
         render_section("elevations", "Elevations", *(_render_elevation(e, folder) for e in elevations)),
         render_section("defects", "Defects", *list_defects(inspection, crops, cards.paths, elevations, folder)),
+        render_section("severity", "Severity rules", *describe_severity_rules(inspection)),
         render_section(
             "distribution", "Distribution", count_by_facade(distribution),
             render_figure(bars, folder, "bars of defects by facade and storey", "Defects by facade and storey."),

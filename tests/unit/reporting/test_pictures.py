@@ -22,7 +22,10 @@ IDS = ["wall-2026-D0007", "wall-2026-D0012"]
 
 @pytest.fixture
 def two(painted: PaintedWall) -> Inspection:
-    rows = [make_defect_row(IDS[0], 2.0, 1.0), make_defect_row(IDS[1], 3.0, 2.0, severity="high")]
+    rows = [
+        make_defect_row(IDS[0], 2.0, 1.0),
+        make_defect_row(IDS[1], 3.0, 2.0, severity="severe", severity_rule="extent_v1"),
+    ]
     return make_inspection(painted, rows, IDS)
 
 

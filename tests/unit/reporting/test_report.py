@@ -52,8 +52,8 @@ def read(path: Path) -> Page:
 def test_the_report_loads_nothing_from_elsewhere_and_escapes_names(painted: PaintedWall, tmp_path: Path) -> None:
     defects = [
         make_defect_row("D1", 2.0, 1.0),
-        make_defect_row("D2", 3.0, 2.0, severity="high"),
-        make_defect_row("D3", 4.0, 2.0, severity="low"),
+        make_defect_row("D2", 3.0, 2.0, severity="severe", severity_rule="width_and_extent_v1"),
+        make_defect_row("D3", 4.0, 2.0, severity="minor_or_worse", severity_rule="width_and_extent_v1"),
     ]
     inspection = make_inspection(painted, defects, ["D1", "D2"])
     path = write_report(inspection, painted.surface, tmp_path, COARSE)
@@ -71,8 +71,8 @@ def test_the_report_loads_nothing_from_elsewhere_and_escapes_names(painted: Pain
 def test_defects_are_sorted_by_severity_with_crops_and_cards(painted: PaintedWall, tmp_path: Path) -> None:
     defects = [
         make_defect_row("D1", 2.0, 1.0),
-        make_defect_row("D2", 3.0, 2.0, severity="high"),
-        make_defect_row("D3", 4.0, 2.0, severity="low"),
+        make_defect_row("D2", 3.0, 2.0, severity="severe", severity_rule="width_and_extent_v1"),
+        make_defect_row("D3", 4.0, 2.0, severity="minor_or_worse", severity_rule="width_and_extent_v1"),
     ]
     settings = replace(COARSE, report_cards=1, report_overlays=1)
     inspection = make_inspection(painted, defects, ["D1", "D2"])
@@ -88,12 +88,19 @@ def test_defects_are_sorted_by_severity_with_crops_and_cards(painted: PaintedWal
     assert re.findall(r'<b title="(D\d)">', table) == ["D2", "D3", "D1"]
     assert table.count('class="crop"') == 2
     assert table.count("no picture") == 1
+    rules = re.sub(r"\s+", " ", page.text.split("Severity rules")[-1])
+    assert "severe wider than 15 mm (categories 4 and 5)" in rules  # the rules that were used are printed
+    assert "Rule pack size-1 is not in data/severity/" in rules
+    assert "Width measured of" in rules and "not measured of" in rules
 
 
 @pytest.mark.parametrize("pack", list_rule_packs())
 def test_grades_of_every_rule_pack_are_sorted_by_severity(pack: str) -> None:
     words = read_severities(pack)
-    rows = [{"severity": word, "area_m2": float(place), "defect_id": word} for place, word in enumerate(words)]
+    rows = [
+        {"severity": word, "severity_rule": pack, "area_m2": float(place), "defect_id": word}
+        for place, word in enumerate(words)
+    ]
     found = sort_by_severity(pa.Table.from_pylist(rows[::-1]))
     assert [row["severity"] for row in found] == list(words)
 

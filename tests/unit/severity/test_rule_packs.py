@@ -10,7 +10,8 @@ from facadelake.core.duckdb_engine import open_duckdb
 from facadelake.core.errors import InputDataError, SchemaError
 from facadelake.core.sql_files import read_statement_file, read_statements
 from facadelake.core.tables import check_table
-from facadelake.severity.rule_packs import RULE_FOLDER, find_rule_file, grade_defects, list_rule_packs
+from facadelake.registry import Building
+from facadelake.severity.rule_packs import RULE_FOLDER, find_rule_file, grade_defects, list_rule_packs, read_rule_pack
 from tests.unit.lake.small_campaign import stage_tables
 from tests.unit.severity.rule_headers import read_severities
 
@@ -100,6 +101,37 @@ def grade_one(pack: str, **values: object) -> str:
 )
 def test_cracks_by_their_width(pack: str, width_mm: float, severity: str) -> None:
     assert grade_one(pack, crack_width_mm=width_mm) == severity
+
+
+@pytest.mark.parametrize(
+    ("values", "severity"),
+    [
+        # Burland, Broms and de Mello 1977: 15 to 25 mm is category 4, severe. By its extent it was "minor".
+        ({"crack_width_mm": 24.0, "crack_width_outcome": "measured"}, "severe"),
+        ({"crack_width_mm": 15.0}, "moderate"),
+        ({"crack_width_mm": 5.1}, "moderate"),
+        ({"crack_width_mm": 5.0}, "minor"),
+        ({"crack_width_mm": 0.2, "height_m": 2.0}, "moderate"),
+        ({"crack_width_outcome": "below_limit", "crack_width_limit_mm": 5.0, "height_m": 1.0}, "minor"),
+        ({"crack_width_outcome": "below_limit", "crack_width_limit_mm": 5.1, "height_m": 1.0}, "moderate_or_worse"),
+        ({"crack_width_outcome": "no_line"}, "minor_or_worse"),
+        ({"height_m": 0.5}, "moderate_or_worse"),
+        ({"height_m": 2.0}, "severe"),
+        ({"defect_class": "spalling", "width_m": 0.29, "height_m": 0.29}, "minor"),
+        ({"defect_class": "spalling", "area_m2": 0.5}, "severe"),
+        ({"defect_class": "moisture", "width_m": 1.0}, "moderate"),
+    ],
+)
+def test_the_default_pack_uses_the_width_and_says_where_there_is_none(values: dict[str, object], severity: str) -> None:
+    assert Building.model_fields["severity_rules"].default == "width_and_extent_v1"
+    assert grade_one("width_and_extent_v1", **values) == severity
+
+
+def test_the_header_of_a_pack_states_its_limits() -> None:
+    pack = read_rule_pack("width_and_extent_v1")
+    assert pack.severities == ("severe", "moderate_or_worse", "moderate", "minor_or_worse", "minor")
+    assert "  severe     wider than 15 mm (categories 4 and 5)" in pack.basis
+    assert not [line for line in pack.basis if line.startswith(("grain:", "meaning:", "severities:"))]
 
 
 @pytest.mark.parametrize("pack", ["paper_crack_width_v1", "bre251_v1", "concrete_03_v1"])
