@@ -6,6 +6,7 @@ Grids are never downloaded, and ballpark transformations are refused.
 
 from __future__ import annotations
 
+import math
 import warnings
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,7 +17,7 @@ from pyproj import network
 from pyproj.exceptions import CRSError
 from pyproj.transformer import TransformerGroup
 
-from facadelake.core.arrays import Float64Nx3
+from facadelake.core.arrays import BoolArray, Float64Array, Float64Nx3
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 
@@ -24,7 +25,9 @@ network.set_network_enabled(active=False)
 
 GEO = "EPSG:4979"
 ECEF = "EPSG:4978"
-
+# A building may lie this far outside the area of use of its CRS: all of Bavaria, to 13.84 deg east, is mapped in
+# EPSG:25832, whose area ends at 12 deg. Exchanged axes and wrong units are off by more.
+AREA_MARGIN_DEG = 2.0
 
 SITE_AXES = ("east", "north", "up")
 
@@ -129,3 +132,96 @@ def transform(points: Float64Nx3, source: str, target: str) -> Float64Nx3:
             "check the axis order and the unit"
         )
     return out
+
+
+def is_in_area_of_use(crs: str, lon_deg: float, lat_deg: float, margin_deg: float) -> bool:
+    """Whether a place is in the area of use of ``crs``, or up to ``margin_deg`` outside it; True if it has none.
+
+    Args:
+        crs: a CRS.
+        lon_deg: longitude of the place.
+        lat_deg: latitude of the place.
+        margin_deg: margin around the area, degrees.
+    """
+    area = _get_horizontal_crs(crs).area_of_use
+    return area is None or bool(_mask_in_area(area.bounds, np.array([[lon_deg, lat_deg]]), margin_deg)[0])
+
+
+def name_area_of_use(crs: str) -> str:
+    """The name of the area of use of ``crs``, for messages."""
+    area = _get_horizontal_crs(crs).area_of_use
+    return area.name.split(":")[0].rstrip(".") if area else "area unknown"
+
+
+def check_area_of_use(points: Float64Array, crs: str, *, margin_deg: float = AREA_MARGIN_DEG) -> None:
+    """Refuse points that lie outside the area of use of their CRS.
+
+    Args:
+        points: points (n, 2 or more) in the units of ``crs``: x (east, longitude) before y, whatever its axis order.
+        crs: their CRS; of a compound CRS, the horizontal part counts. A geocentric CRS has no area to check.
+        margin_deg: how far outside the area points may lie, degrees.
+
+    Raises:
+        GeoreferenceError: names the first such point and the area, and the exchanged or negated coordinates where these
+            lie in the area.
+    """
+    horizontal = _get_horizontal_crs(crs)
+    area = horizontal.area_of_use
+    if horizontal.is_geocentric or area is None:
+        return
+    xy = np.atleast_2d(np.asarray(points, dtype=np.float64))[:, :2]
+    inside = _mask_in_area(area.bounds, _lon_lat_from_xy(horizontal, xy), margin_deg)
+    if inside.all():
+        return
+    x, y = xy[~inside][0]
+    readings = {
+        "exchanged": (y, x),
+        "with the other sign": (-x, -y),
+        "exchanged and with the other sign": (-y, -x),
+    }
+    fits = _mask_in_area(area.bounds, _lon_lat_from_xy(horizontal, np.array(list(readings.values()))), 0.0)
+    fitting = [
+        f"{how} ({a:.10g}, {b:.10g}) it would lie in it; "
+        for (how, (a, b)), fit in zip(readings.items(), fits, strict=True)
+        if fit
+    ]
+    axes = "longitude, latitude" if horizontal.is_geographic else "east, north"
+    raise GeoreferenceError(
+        f"the point {x:.10g}, {y:.10g} of {horizontal.name} ({axes}) lies outside the area of use of that CRS "
+        f"({name_area_of_use(crs)}: longitude {area.west:g} to {area.east:g}, latitude {area.south:g} to "
+        f"{area.north:g}); {(fitting or [''])[0]}check the axis order, the unit and the CRS"
+    )
+
+
+def _get_horizontal_crs(crs: str) -> pyproj.CRS:
+    """The horizontal part of a compound CRS, else the CRS itself."""
+    parsed = promote_to_3d(crs)
+    return parsed.sub_crs_list[0] if parsed.is_compound else parsed
+
+
+def _lon_lat_from_xy(crs: pyproj.CRS, xy: Float64Array) -> Float64Array:
+    """Longitude and latitude (n, 2), degrees in the datum of ``crs``, of points (n, 2) of it."""
+    if crs.is_geographic:
+        return xy * math.degrees(crs.axis_info[0].unit_conversion_factor)
+    return np.column_stack(pyproj.Proj(crs)(xy[:, 0], xy[:, 1], inverse=True))
+
+
+def _mask_in_area(
+    bounds_deg: tuple[float, float, float, float], lon_lat_deg: Float64Array, margin_deg: float
+) -> BoolArray:
+    """Mask (n,) of the places (n, 2) within ``bounds_deg`` and the margin; False where not finite.
+
+    Args:
+        bounds_deg: west, south, east, north; west > east across the date line.
+        lon_lat_deg: the places (n, 2).
+        margin_deg: margin around the bounds.
+
+    Returns:
+        the mask.
+    """
+    west, south, east, north = bounds_deg
+    lon, lat = lon_lat_deg.T
+    after_west, before_east = lon >= west - margin_deg, lon <= east + margin_deg
+    in_lon = after_west | before_east if west > east else after_west & before_east
+    inside: BoolArray = in_lon & (lat >= south - margin_deg) & (lat <= north + margin_deg)
+    return inside & np.isfinite(lon_lat_deg).all(axis=1)

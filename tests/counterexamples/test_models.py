@@ -159,7 +159,7 @@ UNKNOWN_DATUM = "EPSG:99999"
             Ifc(crs=CRS | {"Name": "EPSG:2056"}, conversion=CONVERSION),
             BY_IFC,
             "the centre of the model is at east, north, height [456641.2, 5421033.6, 179.8] m, outside the area of use "
-            f"of EPSG:2056 (Liechtenstein; Switzerland.); {CHECK}",
+            f"of EPSG:2056 (Liechtenstein; Switzerland); {CHECK}",
         ),
         (
             Ifc(crs=CRS, conversion=CONVERSION | {"Eastings": 5421033.5, "Northings": 456639.25}),

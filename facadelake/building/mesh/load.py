@@ -7,18 +7,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import pyproj
 
 from facadelake.building.mesh.facade_planes import build_plane_elements, segment_facade_planes
 from facadelake.building.mesh.files import MeshAxes, read_mesh_file
 from facadelake.building.mesh.offset import MeshOffset, read_mesh_offset
 from facadelake.building.model import BuildingModel
-from facadelake.building.model_georeference.crs_parsing import (
-    AREA_MARGIN_DEG,
-    name_area_of_use,
-    parse_vertical_datum,
-    split_crs,
-)
+from facadelake.building.model_georeference.crs_parsing import parse_vertical_datum, split_crs
 from facadelake.building.model_georeference.map_placement import (
     REGISTRY_LEVEL,
     MapPlacement,
@@ -30,7 +24,7 @@ from facadelake.building.storeys import StoreyElevation, StoreyLevel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import Float64Nx2, Float64Nx3, Float64x3, Int64Nx3
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.geodesy import SiteOrigin, promote_to_3d
+from facadelake.core.geodesy import SiteOrigin, name_area_of_use, promote_to_3d
 from facadelake.core.tables import table_from_rows
 from schemas.vocabulary import SurfaceKind
 
@@ -175,25 +169,15 @@ def _placement_from_offset(offset: MeshOffset, horizontal: str) -> MapPlacement:
 def _locate_mesh(path: Path, georeference: ModelGeoreference, centre_m: Float64x3) -> Float64x3:
     """The centre of the mesh in EPSG:4979 (3,). Raises GeoreferenceError outside the area of use of its CRS."""
     crs = georeference.map_crs
-    area = pyproj.CRS.from_user_input(crs).area_of_use
     centre_map = georeference.placement.map_from_ifc(centre_m[None])[0]
-    try:
-        geo: Float64x3 = georeference.geo_from_ifc(centre_m[None])[0]
-        inside = area is None or (
-            (geo[0] - area.west + AREA_MARGIN_DEG) % 360 <= (area.east - area.west) % 360 + 2 * AREA_MARGIN_DEG
-            and area.south - AREA_MARGIN_DEG <= geo[1] <= area.north + AREA_MARGIN_DEG
-        )
-    except GeoreferenceError as error:
-        if "domain" not in str(error):
-            raise
-        inside = False
-    if not inside:
+    if not georeference.is_in_area_of_use(centre_m):
         raise GeoreferenceError(
             f"the centre of {path.name} is at east, north, height {centre_map.round(1).tolist()} m, outside the area "
             f"of use of {crs} ({name_area_of_use(crs)}); check crs.map in the portfolio. If a photogrammetry program "
             "exported the mesh with coordinates near zero, set crs.offset_file to the offset file that it wrote, or "
             "set crs.placement"
         )
+    geo: Float64x3 = georeference.geo_from_ifc(centre_m[None])[0]
     return geo
 
 

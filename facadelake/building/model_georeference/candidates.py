@@ -12,12 +12,7 @@ import ifcopenshell
 import numpy as np
 
 from facadelake.building.model_georeference.control_pairs import ControlPair, fit_placement
-from facadelake.building.model_georeference.crs_parsing import (
-    AREA_MARGIN_DEG,
-    is_in_area_of_use,
-    parse_vertical_datum,
-    split_crs,
-)
+from facadelake.building.model_georeference.crs_parsing import parse_vertical_datum, split_crs
 from facadelake.building.model_georeference.ifc_crs import read_crs
 from facadelake.building.model_georeference.map_conversion import list_placements, read_coordinate_operation
 from facadelake.building.model_georeference.map_placement import (
@@ -39,6 +34,7 @@ from facadelake.building.model_georeference.site_placement import (
 )
 from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import GeoreferenceError
+from facadelake.core.geodesy import AREA_MARGIN_DEG, is_in_area_of_use
 
 _BUILDING_LENGTH_M = 50.0  # length over which an angle is converted to metres
 

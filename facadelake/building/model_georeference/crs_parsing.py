@@ -1,4 +1,4 @@
-"""Projected CRS, vertical datum and area of use, parsed from names and codes with PROJ's database."""
+"""Projected CRS and vertical datum, parsed from names and codes with PROJ's database."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from pyproj.exceptions import CRSError
 from facadelake.core.errors import GeoreferenceError
 
 ELLIPSOIDAL = "ellipsoidal"
-AREA_MARGIN_DEG = 1.0  # a building may lie this far outside the area of use of its CRS
 _ELLIPSOIDS = {"ellipsoid", "ellipsoidal", "grs80", "grs 80", "grs1980", "grs 1980", "wgs84", "wgs 84", "etrs89"}
 _CODE = re.compile(r"^(?:urn:ogc:def:crs:)?EPSG:{1,2}(\d+)$|^(\d{4,5})$", re.IGNORECASE)
 
@@ -65,30 +64,6 @@ def parse_vertical_datum(text: str) -> str:
             "vertical CRS such as EPSG:5783 (DHHN92)"
         )
     return f"EPSG:{same[0].code}"
-
-
-def is_in_area_of_use(crs: str, lon_deg: float, lat_deg: float, margin_deg: float) -> bool:
-    """Whether a point is in the area of use of ``crs``, or up to ``margin_deg`` outside it; True if it has none.
-
-    Args:
-        crs: a projected CRS.
-        lon_deg: longitude of the point.
-        lat_deg: latitude of the point.
-        margin_deg: margin around the area, degrees.
-    """
-    area = pyproj.CRS.from_user_input(crs).area_of_use
-    if area is None:
-        return True
-    west, east = area.west - margin_deg, area.east + margin_deg
-    crosses_date_line = area.west > area.east
-    in_lon = (lon_deg >= west or lon_deg <= east) if crosses_date_line else west <= lon_deg <= east
-    return bool(in_lon and area.south - margin_deg <= lat_deg <= area.north + margin_deg)
-
-
-def name_area_of_use(crs: str) -> str:
-    """The name of the area of use of ``crs``, for messages."""
-    area = pyproj.CRS.from_user_input(crs).area_of_use
-    return area.name.split(":")[0] if area else "area unknown"
 
 
 def _format_crs(crs: pyproj.CRS) -> str:

@@ -6,10 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.building.model_georeference.crs_parsing import AREA_MARGIN_DEG, ELLIPSOIDAL, is_in_area_of_use
+from facadelake.building.model_georeference.crs_parsing import ELLIPSOIDAL
 from facadelake.core.arrays import Float64N, Float64Nx3, Float64x3, Float64x3x3
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.geodesy import GEO, SiteOrigin, promote_to_3d, transform
+from facadelake.core.geodesy import (
+    AREA_MARGIN_DEG,
+    GEO,
+    SiteOrigin,
+    is_in_area_of_use,
+    promote_to_3d,
+    transform,
+)
 
 REGISTRY_LEVEL = "registry"  # stands in for a LoGeoRef level
 MIN_MAP_COORDINATE_M = 10_000.0  # coordinates beyond this are map coordinates; a building's own are smaller

@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 
 from facadelake.building.model_georeference.candidates import GeoreferenceCandidates
-from facadelake.building.model_georeference.crs_parsing import name_area_of_use
 from facadelake.building.model_georeference.map_placement import (
     MIN_MAP_COORDINATE_M,
     GridFactors,
@@ -21,6 +20,7 @@ from facadelake.building.model_georeference.map_placement import (
 )
 from facadelake.core.arrays import Float64x3
 from facadelake.core.errors import GeoreferenceError
+from facadelake.core.geodesy import name_area_of_use
 
 _log = logging.getLogger(__name__)
 _MAX_SIGMA_M = 0.05  # photographs are georeferenced to centimetres; a less accurate model does not fit them

@@ -20,7 +20,7 @@ from pyproj.exceptions import CRSError
 
 from facadelake.core.arrays import Float64Nx3
 from facadelake.core.errors import GeoreferenceError, InputDataError
-from facadelake.core.geodesy import GEO, SiteOrigin, promote_to_3d, transform
+from facadelake.core.geodesy import GEO, SiteOrigin, check_area_of_use, promote_to_3d, transform
 
 _UTM = re.compile(r"^WGS\s*84\s+UTM\s+(\d{1,2})\s*([NS])$", re.IGNORECASE)
 
@@ -166,9 +166,14 @@ def transform_to_site(surveyed: SurveyedPoints, *, origin: SiteOrigin, vertical_
     """The points (n, 3) in site metres.
 
     Where the file's CRS has no vertical part, heights are taken in ``vertical_datum`` ("ellipsoidal" or a vertical CRS
-    such as "EPSG:5783"), the model's: surveyor and model share it in most cases.
+    such as "EPSG:5783"), the model's: surveyor and model share it in most cases. Raises GeoreferenceError for points
+    outside the area of use of their CRS.
     """
     xyz = np.array([[point.x, point.y, point.z] for point in surveyed.points]).reshape(-1, 3)
+    try:
+        check_area_of_use(xyz, surveyed.crs)
+    except GeoreferenceError as error:
+        raise GeoreferenceError(f"control points {surveyed.source}: {error}") from error
     return origin.site_from_geo(transform(xyz, add_vertical_datum(surveyed.crs, vertical_datum), GEO))
 
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.geodesy import ECEF, GEO, SiteOrigin, promote_to_3d, transform
+from facadelake.core.geodesy import ECEF, GEO, SiteOrigin, check_area_of_use, promote_to_3d, transform
 
 A, F = 6378137.0, 1 / 298.257223563  # WGS 84
 E2 = F * (2 - F)
@@ -100,3 +100,40 @@ def test_an_unknown_crs_is_named() -> None:
 
 def test_no_points_are_no_points() -> None:
     assert transform(np.zeros((0, 3)), GEO, ECEF).shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("crs", "point"),
+    [
+        ("EPSG:25832", (456_630.0, 5_421_032.0)),
+        ("EPSG:25832+7837", (456_630.0, 5_421_032.0)),
+        ("EPSG:25832", (825_700.0, 5_392_000.0)),  # Passau: 1.5 deg outside the area, as all of eastern Bavaria
+        ("EPSG:4258", (14.09, 46.36)),
+        ("EPSG:5514", (-743_375.94, -1_043_172.85)),
+        ("EPSG:3460", (1_700_000.0, 4_000_000.0)),  # Fiji, 177 deg west: the area crosses the date line
+        ("EPSG:4978", (4_000_000.0, 600_000.0)),
+        ("+proj=utm +zone=32 +datum=WGS84", (0.0, 0.0)),  # states no area
+    ],
+)
+def test_points_in_the_area_of_use_pass(crs: str, point: tuple[float, float]) -> None:
+    check_area_of_use(np.array([point]), crs)
+
+
+@pytest.mark.parametrize(
+    ("crs", "point", "remedy"),
+    [
+        ("EPSG:4258", (46.36, 14.09), r"latitude 33.26 to 84.73\); exchanged \(14.09, 46.36\) it would lie in it"),
+        ("EPSG:25832+7837", (5_421_032.0, 456_630.0), r"exchanged \(456630, 5421032\) it would"),
+        ("EPSG:5514", (743_375.94, 1_043_172.85), r"with the other sign \(-743375.94, -1043172.85\)"),
+        ("EPSG:5514", (1_043_172.85, 743_375.94), r"exchanged and with the other sign \(-743375.94, -1043172.85\)"),
+        ("EPSG:2056", (600_000.0, 200_000.0), r"Liechtenstein; Switzerland: .*47.81\); check the axis order, the unit"),
+        ("EPSG:25832", (1e9, 1e9), "check the axis order"),
+        ("EPSG:25832", (float("nan"), 0.0), "check the axis order"),
+    ],
+)
+def test_points_outside_the_area_of_use_are_refused(crs: str, point: tuple[float, float], remedy: str) -> None:
+    """The second point of the array is named, with the reading that would fit."""
+    good = {"EPSG:4258": (14.0, 46.0), "EPSG:2056": (2.6e6, 1.2e6), "EPSG:5514": (-7e5, -1e6)}
+    points = np.array([good.get(crs, (456_630.0, 5_421_032.0)), point])
+    with pytest.raises(GeoreferenceError, match=remedy):
+        check_area_of_use(points, crs)
