@@ -155,8 +155,10 @@ def swap_gps() -> pa.Table:
         (
             replace(CONTROL, points=tuple(replace(p, x=p.y, y=p.x) for p in CONTROL.points)),
             SCENE.build_photos(),
-            "only 3 of 6 control points of gcp_list.txt agree with one another (more than half must): "
-            "check their coordinates, CRS and marks, or georeference by gps",
+            "control points gcp_list.txt: the point 5416518.845, 456027.0838 of ETRS89 / UTM zone 32N (east, north) "
+            "lies outside the area of use of that CRS (Europe between 6°E and 12°E: longitude 6 to 12.01, latitude "
+            "36.53 to 84.01); exchanged (456027.0838, 5416518.845) it would lie in it; check the axis order, the unit "
+            "and the CRS",
         ),
     ],
     ids=["GPS has latitude and longitude swapped", "control points have east and north swapped"],
