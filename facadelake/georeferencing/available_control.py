@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
 from facadelake.core.arrays import UInt8Array
 from facadelake.georeferencing.campaign.reference import ReferencePoints
-from facadelake.georeferencing.gcp.control_points import SurveyedPoints
+from facadelake.georeferencing.gcp.control_points import SurveyedPoints, match_marks
 from facadelake.georeferencing.model.control import ModelControl
 from schemas.vocabulary import ControlKind
 
@@ -28,3 +28,10 @@ class Control:
     model: ModelControl | None = None
     references: Sequence[tuple[ReferencePoints, UInt8Array]] = ()
     placement_sigma_max_m: float = 0.5
+
+    def match_marks(self, photo_ids: Collection[str]) -> Control:
+        """The same control, with marks that name a ``photo_id`` of the campaign's photographs."""
+        points, check_points = (
+            None if file is None else match_marks(file, photo_ids) for file in (self.points, self.check_points)
+        )
+        return replace(self, points=points, check_points=check_points)

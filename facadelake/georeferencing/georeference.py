@@ -52,9 +52,12 @@ def georeference_reconstruction(
         GeoreferenceError: the control cannot place the block, or not accurately enough.
     """
     priors = collect_gps_priors(reconstruction, photos, site_frame.origin)
+    control = control.match_marks(photos["photo_id"].to_pylist())
+    of_files = tuple(remark for file in (control.points, control.check_points) if file for remark in file.remarks)
     if control.kind is not None:
-        return _georeference_by(control.kind, reconstruction, priors, site_frame, control, ())
+        return _georeference_by(control.kind, reconstruction, priors, site_frame, control, of_files)
     kinds, remarks = rank_controls(reconstruction, control)
+    remarks += of_files
     for kind in kinds[:-1]:
         try:
             chosen = (f"chosen automatically: {kind}", *remarks)

@@ -21,6 +21,7 @@ from facadelake.campaigns import read_committed_model, read_committed_tables, re
 from facadelake.core.arrays import BoolArray, Float32Array, Float64Array, UInt8Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
+from facadelake.core.photo_names import PhotoNames
 from facadelake.core.pose_table import read_posed_cameras
 from facadelake.core.progress import report_progress
 from facadelake.registry import Building
@@ -218,16 +219,13 @@ def view_photograph(
 
 
 def _match_photo_id(photo_ids: list[str], name: str, building_id: str, campaign: str) -> str:
-    """The photo_id that equals ``name`` or is the only one with this file name, with or without suffix."""
-    if name in photo_ids:
-        return name
-    matches = [photo_id for photo_id in photo_ids if name in (Path(photo_id).name, Path(photo_id).stem)]
-    if len(matches) == 1:
-        return matches[0]
-    examples = ", ".join((matches or photo_ids)[:5])
-    raise InputDataError(
-        f"{len(matches)} photographs of {building_id} {campaign} match '{name}'; give one photo_id such as {examples}"
-    )
+    """The photo_id that ``name`` refers to."""
+    match = PhotoNames(photo_ids).match(name)
+    if match.photo_id is None:
+        raise InputDataError(
+            f"{building_id} {campaign}: {match.reason}; photographs are {', '.join(photo_ids[:5])}, ..."
+        )
+    return match.photo_id
 
 
 def _read_resized(path: Path, posed: PosedCamera, shape: tuple[int, ...]) -> UInt8Array:

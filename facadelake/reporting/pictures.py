@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from facadelake.building.surface import Surface
 from facadelake.campaigns import read_committed_model, read_committed_tables
 from facadelake.core.errors import InputDataError
+from facadelake.core.photo_names import PhotoNames
 from facadelake.core.pose_table import read_posed_cameras
 from facadelake.core.tables import get_stage_schema
 from facadelake.registry import Building
@@ -76,13 +77,12 @@ def select_by_name(
     labels = {label: name for name, label in label_ids(defect_ids).items()}
     ends = _invert_unique({name: name.rsplit("-", 1)[-1] for name in defect_ids})
     files = inspection.photos.column("photo_id").to_pylist()
-    stems = _invert_unique({name: PurePosixPath(name).stem for name in files})
-    file_names = _invert_unique({name: PurePosixPath(name).name for name in files})
+    photo_names = PhotoNames(files)
     drawn = [facade.name for facade in find_drawn_facades(inspection, surface, settings)] if facades else []
     return PictureSelection(
         defect_ids=tuple(_match_name(name, "defect", defect_ids, labels | ends) for name in defects),
         facades=tuple(_match_name(name, "facade", drawn, _index_facade_names(drawn)) for name in facades),
-        photo_ids=tuple(_match_name(name, "photograph", files, stems | file_names) for name in photos),
+        photo_ids=tuple(_match_photograph(name, photo_names, files) for name in photos),
     )
 
 
@@ -164,6 +164,18 @@ def _index_facade_names(names: Sequence[str]) -> dict[str, str]:
     """Facades by compass point ("SE" for "South-east") and by name with underscores."""
     letters = {name: "".join(part[0] for part in name.partition(" ")[0].split("-")).upper() for name in names}
     return _invert_unique(letters) | {name.replace(" ", "_"): name for name in names}
+
+
+def _match_photograph(name: str, photo_names: PhotoNames, photo_ids: Sequence[str]) -> str:
+    """The photo_id that ``name`` refers to; raises InputDataError with the candidates and similar names."""
+    match = photo_names.match(name)
+    if match.photo_id is not None:
+        return match.photo_id
+    near = get_close_matches(name, photo_ids, n=4, cutoff=0.5)
+    total = "" if near else f" (of {len(photo_ids)})"
+    raise InputDataError(
+        f"unknown photograph: {match.reason}; similar names: {', '.join(near or photo_ids[:4]) or 'none'}{total}"
+    )
 
 
 def _match_name(name: str, kind: str, names: Sequence[str], short_names: Mapping[str, str]) -> str:

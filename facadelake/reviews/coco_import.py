@@ -78,8 +78,8 @@ def read_coco_reviews(
         InputDataError: The file is not COCO, or none of its images is a photograph of the campaign.
     """
     coco = read_coco(file)
-    names = PhotoNames(sizes)
-    matches = {image_id: names.match(image.file_name) for image_id, image in coco.images.items()}
+    names = PhotoNames(sizes).match_all(image.file_name for image in coco.images.values())
+    matches = {image_id: names[image.file_name] for image_id, image in coco.images.items()}
     remarks = [match.reason for match in matches.values() if match.photo_id is None]
     reviewed_photographs = set()
     for image_id, match in matches.items():

@@ -109,7 +109,10 @@ def test_control_points_of_other_photographs(tmp_path: Path) -> None:
         georeference(ControlKind.GCP, points)
     assert str(raised.value) == (
         "0 of 6 control points of gcp_list.txt can be used, 3 are needed; each must be marked in 2 or more localised "
-        "photographs whose names match the files (not usable: G1, G2, G3, G4, G5, G6)"
+        "photographs whose names match the files (not usable: G1, G2, G3, G4, G5, G6); "
+        "30 marks of gcp_list.txt are not used: 'DJI_p02.jpg' is not among the campaign's photographs; "
+        "'DJI_p03.jpg' is not among the campaign's photographs; 'DJI_p04.jpg' is not among the campaign's photographs; "
+        "and 17 more names"
     )
     automatic = georeference(None, points)  # without a request for control points, GPS is the control, with a remark
     assert automatic.control == "gps"

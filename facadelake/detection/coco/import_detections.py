@@ -14,7 +14,7 @@ import shapely
 
 from facadelake.core.errors import InputDataError
 from facadelake.core.hashing import hash_file
-from facadelake.core.photo_names import PhotoNames
+from facadelake.core.photo_names import NameMatch, PhotoNames
 from facadelake.core.progress import track
 from facadelake.core.tables import table_from_rows
 from facadelake.detection.boxes import Box, clip_box, describe_box
@@ -104,8 +104,10 @@ def import_coco(file: Path, photos: pa.Table, *, class_names: Mapping[str, str])
 def _match_images(coco: CocoFile, photos: pa.Table) -> Mapping[int | str, _MatchedPhotograph]:
     """The photograph of every image_id that an annotation refers to."""
     rows = {row["photo_id"]: row for row in photos.select(_PHOTO_COLUMNS).to_pylist()}
-    names = PhotoNames(rows)
-    photographs = {image_id: _match_image(image, names, rows) for image_id, image in coco.images.items()}
+    matches = PhotoNames(rows).match_all(image.file_name for image in coco.images.values())
+    photographs = {
+        image_id: _match_image(image, matches[image.file_name], rows) for image_id, image in coco.images.items()
+    }
     for annotation in coco.annotations:
         if annotation.image_id not in photographs:
             reason = f"image_id {annotation.image_id!r} is not among the file's 'images'"
@@ -116,9 +118,8 @@ def _match_images(coco: CocoFile, photos: pa.Table) -> Mapping[int | str, _Match
     return photographs
 
 
-def _match_image(image: CocoImage, names: PhotoNames, photos: Mapping[str, Mapping[str, Any]]) -> _MatchedPhotograph:
+def _match_image(image: CocoImage, match: NameMatch, photos: Mapping[str, Mapping[str, Any]]) -> _MatchedPhotograph:
     unknown = DetectionOutcome.UNKNOWN_PHOTO
-    match = names.match(image.file_name)
     if match.photo_id is None:
         return _MatchedPhotograph(photo_id=image.file_name, decision=_BoxDecision(outcome=unknown, reason=match.reason))
     photo = photos[match.photo_id]

@@ -46,8 +46,8 @@ def compare_cameras(
         InputDataError: Truth has cameras, but none of the campaign's photographs.
         SchemaError: A covariance of ``poses`` is not a covariance.
     """
-    names = PhotoNames(photo_ids)
-    published = {names.match(image).photo_id: geo for image, geo in truth.cameras.items()}
+    names = PhotoNames(photo_ids).match_all(truth.cameras)
+    published = {names[image].photo_id: geo for image, geo in truth.cameras.items()}
     if truth.cameras and not any(photo_id is not None for photo_id in published):
         raise InputDataError(
             f"{folder / 'cameras.csv'}, column image: none of its {len(truth.cameras)} photographs is in the campaign "

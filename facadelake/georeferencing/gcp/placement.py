@@ -13,7 +13,6 @@ from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.gcp.control_points import (
     SurveyedPoints,
     has_own_heights,
-    match_photo_names,
     transform_to_site,
 )
 from facadelake.georeferencing.similarity_fit import fit_similarity
@@ -54,14 +53,15 @@ class ControlPointPlacement:
 
 
 def intersect_marks(reconstruction: Reconstruction, surveyed: SurveyedPoints) -> tuple[IntersectedMarks | None, ...]:
-    """The agreeing marks of each point in photographs of the block; None where fewer than two agree."""
+    """The agreeing marks of each point in photographs of the block; None where fewer than two agree.
+
+    ``surveyed``: points whose marks name photo_ids (``match_marks``).
+    """
     index = {photo.photo_id: row for row, photo in enumerate(reconstruction.photos)}
-    names = [mark.photo_name for point in surveyed.points for mark in point.marks]
-    photo_of = match_photo_names(names, list(index))
     out: list[IntersectedMarks | None] = []
     for point in surveyed.points:
-        marks = [mark for mark in point.marks if mark.photo_name in photo_of]
-        rows = np.array([index[photo_of[mark.photo_name]] for mark in marks], dtype=np.int64)
+        marks = [mark for mark in point.marks if mark.photo_name in index]
+        rows = np.array([index[mark.photo_name] for mark in marks], dtype=np.int64)
         xy = np.array([[mark.x_px, mark.y_px] for mark in marks]).reshape(-1, 2)
         found = _intersect(reconstruction, rows, xy) if len(marks) >= 2 else None
         out.append(
@@ -113,6 +113,7 @@ def place_by_control_points(
             f"{usable.sum()} of {len(names)} control points of {surveyed.source} can be used, "
             f"{MIN_CONTROL_POINTS} are needed; each must be marked in 2 or more localised photographs whose names "
             f"match the files (not usable: {', '.join(unusable) or 'none'})"
+            + "".join(f"; {remark}" for remark in surveyed.remarks)
         )
     xyz_sfm = np.array([mark.xyz_sfm for mark in marks if mark is not None])
     fit = fit_similarity(xyz_sfm, xyz_site[usable], np.full(xyz_sfm.shape, _CONTROL_SIGMA_M))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,7 +19,7 @@ from facadelake.core.geodesy import SITE_AXES
 from facadelake.core.photo_names import PhotoNames
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.acceptance import require_accuracy
-from facadelake.georeferencing.gcp.control_points import SurveyedPoints
+from facadelake.georeferencing.gcp.control_points import SurveyedPoints, match_marks
 from facadelake.georeferencing.imported.plausibility import check_plausibility
 from facadelake.georeferencing.imported.records import ImportedPose, ImportedPoses
 from facadelake.georeferencing.imported.validation import ImportValidation, validate_imported_poses
@@ -71,7 +71,8 @@ def place_imported_poses(
         GeoreferenceError: the poses are not plausible, not accurate enough, or contradict the surveyed points.
     """
     accepted = [row for row in photos.to_pylist() if row["photo_outcome"] == PhotoOutcome.ACCEPTED]
-    pose_of, reasons, unmatched = _match_to_photographs(imported, accepted)
+    photo_ids = photos["photo_id"].to_pylist()
+    pose_of, reasons, unmatched = _match_to_photographs(imported, photo_ids, {row["photo_id"] for row in accepted})
     posed = _build_cameras(pose_of, {row["photo_id"]: row for row in accepted}, reasons, imported, site_frame)
     if not posed:
         examples = "; ".join([*list(reasons.values())[:2], *unmatched[:2]])
@@ -108,7 +109,9 @@ def place_imported_poses(
             reason = reasons.get(photo_id, f"{imported.source} has no pose for it")
             rows.append(columns | {"pose_source": PoseSource.UNLOCALISED, "reason": reason})
     poses = table_from_rows("poses", rows)
-    validation = validate_imported_poses(posed, accepted, surveyed, site_frame)
+    matched = [match_marks(file, photo_ids) for file in surveyed]
+    remarks += [remark for file in matched for remark in file.remarks]
+    validation = validate_imported_poses(posed, accepted, matched, site_frame)
     return ImportedPlacement(
         poses=poses,
         georeference=_build_passport(imported, poses, site_frame, remarks, validation, placement_sigma_max_m),
@@ -122,24 +125,27 @@ def _build_assumed_covariance() -> Float64Array:
 
 
 def _match_to_photographs(
-    imported: ImportedPoses, accepted: Sequence[Mapping[str, Any]]
+    imported: ImportedPoses, photo_ids: Sequence[str], accepted: Collection[str]
 ) -> tuple[dict[str, ImportedPose], dict[str, str], list[str]]:
     """Poses by photo_id, reasons of photographs whose line cannot be used, and reasons of lines without photograph."""
-    names = PhotoNames([row["photo_id"] for row in accepted])
+    images = [*(pose.image for pose in imported.poses), *(line.image for line in imported.unusable)]
+    names = PhotoNames(photo_ids).match_all(images)
     pose_of: dict[str, ImportedPose] = {}
     reasons: dict[str, str] = {}
     unmatched: list[str] = []
-    matches = [(pose, names.match(pose.image)) for pose in imported.poses]
+    matches = [(pose, names[pose.image]) for pose in imported.poses]
     count = Counter(match.photo_id for _, match in matches if match.photo_id is not None)
     for pose, match in matches:
         if match.photo_id is None:
             unmatched.append(match.reason)
+        elif match.photo_id not in accepted:
+            unmatched.append(f"{match.photo_id} was not accepted")
         elif count[match.photo_id] > 1:
             reasons[match.photo_id] = f"{imported.source} has {count[match.photo_id]} poses for it; keep one"
         else:
             pose_of[match.photo_id] = pose
     for line in imported.unusable:
-        photo_id = names.match(line.image).photo_id
+        photo_id = names[line.image].photo_id
         if photo_id is None:
             unmatched.append(line.reason)
         elif pose_of.pop(photo_id, None) is not None:

@@ -11,7 +11,6 @@ import numpy as np
 from facadelake.core.arrays import Float64N
 from facadelake.core.camera import PosedCamera
 from facadelake.core.geodesy import SITE_AXES, SiteOrigin
-from facadelake.core.photo_names import PhotoNames
 from facadelake.georeferencing.gcp.control_points import SurveyedPoints, transform_to_site
 from facadelake.georeferencing.passport import PassportPoint
 from facadelake.georeferencing.site_frame import SiteFrame
@@ -87,15 +86,13 @@ def validate_imported_poses(
 def _build_check_points(
     posed: Mapping[str, PosedCamera], surveyed: SurveyedPoints, site_frame: SiteFrame
 ) -> list[PassportPoint]:
-    names = PhotoNames(posed)
     given = transform_to_site(surveyed, origin=site_frame.origin, vertical_datum=site_frame.vertical_datum)
     points = []
     for point, xyz in zip(surveyed.points, given, strict=True):
         rays = []
         for mark in point.marks:
-            photo_id = names.match(mark.photo_name).photo_id
-            if photo_id is not None:
-                camera = posed[photo_id]
+            camera = posed.get(mark.photo_name)
+            if camera is not None:
                 xy = np.array([mark.x_px, mark.y_px])
                 rays.append(ImageRay(camera=camera.camera, world_from_cam=camera.site_from_cam, xy_img=xy))
         intersection = intersect_rays(rays)

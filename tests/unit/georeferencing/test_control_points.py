@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from facadelake.core.errors import GeoreferenceError
+from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.gcp.control_points import (
     SurveyedPoints,
     add_vertical_datum,
-    match_photo_names,
+    match_marks,
     read_surveyed_points,
     transform_to_site,
 )
@@ -54,14 +54,86 @@ def test_blanks_tabs_comments_and_names(tmp_path: Path) -> None:
     ]
 
 
-def test_a_name_means_its_path_or_the_only_file_of_that_end() -> None:
-    ids = ["multiview/a.JPG", "closerange/a.JPG", "closerange/b.jpg"]
-    found = match_photo_names(["a.JPG", "closerange/a.jpg", "B.JPG", "multiview/a.JPG", "c.jpg"], ids)
-    assert found == {
-        "closerange/a.jpg": "closerange/a.JPG",
-        "B.JPG": "closerange/b.jpg",
-        "multiview/a.JPG": "multiview/a.JPG",
-    }
+CASES = Path("../shared/data/cases/gcp")
+HEAD = "EPSG:25832\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "points"),
+    [
+        (  # cases/gcp/spaces_in_filename.txt
+            "456613.2 5421051.8 180.0 10 20 DJI 0001.JPG\n456613.2 5421051.8 180.0 11 21 DJI 0002.JPG\n"
+            "456618.2 5421051.8 181.0 11 21 DJI 0001.JPG\n",
+            {"point 1": ["DJI 0001.JPG", "DJI 0002.JPG"], "point 2": ["DJI 0001.JPG"]},
+        ),
+        (  # cases/gcp/name_with_space.txt
+            "456613.2 5421051.8 180.0 10 20 a.JPG GCP 1\n456613.2 5421051.8 180.0 11 21 b.JPG GCP 1\n"
+            "456618.2 5421051.8 181.0 11 21 a.JPG GCP 2\n",
+            {"GCP 1": ["a.JPG", "b.JPG"], "GCP 2": ["a.JPG"]},
+        ),
+        ('1 2 3 10 20 "a b.JPG" "G 1"\n1 2 3 10 20 \'c\' G 1\n', {"G 1": ["a b.JPG", "c"]}),
+        ("1 2 3 10 20 a G1\n1 2 3 10 20 B.jpg G1\n", {"G1": ["a", "B.jpg"]}),
+        ("1 2 3 10 20 D:\\Flug 7\\a.JPG G1\n", {"G1": [r"D:\Flug 7\a.JPG"]}),
+        ("1 2 3 1 2 a.JPG G1 one\n1 2 3 1 2 b.JPG G1 two\n", {"G1": ["a.JPG", "b.JPG"]}),
+        ("1 2 3 1 2 a.JPG G 1\n1 2 3 1 2 b.JPG G 1\n", {"G 1": ["a.JPG", "b.JPG"]}),
+    ],
+    ids=["blanks", "blank in a point's name", "quotes", "no suffix", "Windows", "more columns", "one point, blank"],
+)  # fmt: skip
+def test_names_of_photographs_and_points(tmp_path: Path, text: str, points: dict[str, list[str]]) -> None:
+    found = read(tmp_path, HEAD + text)
+    assert {point.name: [mark.photo_name for mark in point.marks] for point in found.points} == points
+    assert found.remarks == ()
+
+
+def test_blanks_that_may_be_split_in_two_ways(tmp_path: Path) -> None:
+    with pytest.raises(InputDataError, match=r"line 2: 'a b GCP 1' may be split .* quote names with blanks"):
+        read(tmp_path, HEAD + "1 2 3 4 5 a b GCP 1\n")
+
+
+def test_coordinates_rounded_differently_are_one_point_by_the_most_digits(tmp_path: Path) -> None:
+    text = HEAD + "456613.25 5421051.8 180 1 2 a.JPG G1\n456613.2487 5421051.7913 180.0 3 4 b.JPG G1\n"
+    found = read(tmp_path, text)
+    assert [(p.name, p.x, p.y, p.z) for p in found.points] == [("G1", 456613.2487, 5421051.7913, 180.0)]
+    assert found.remarks == ("coordinates are rounded differently in the lines of G1; those with most digits count",)
+    unnamed = read(tmp_path, text.replace(" G1", ""))
+    assert [(p.name, p.x, len(p.marks)) for p in unnamed.points] == [("point 1", 456613.2487, 2)]
+    for typo in ("456613.26", "456613.3", "456614"):  # 1 cm, 5 cm and 0.75 m: no rounding of 456613.2487
+        with pytest.raises(InputDataError, match="use one name for one point"):
+            read(tmp_path, f"{HEAD}456613.2487 2 3 1 2 a.JPG G1\n{typo} 2 3 3 4 b.JPG G1\n")
+    geographic = "EPSG:4979\n8.4078123 48.9405 180 1 2 a.JPG G1\n8.40781234 48.9405 180 1 2 b.JPG G1\n"
+    assert read(tmp_path, geographic).points[0].x == 8.40781234
+    with pytest.raises(InputDataError, match="use one name for one point"):  # 3 m on the ground
+        read(tmp_path, geographic.replace("8.4078123 ", "8.4078 "))
+
+
+def test_marks_name_photographs(tmp_path: Path) -> None:
+    """All photographs of the campaign count, and what is not used is told with both candidates."""
+    text = HEAD + (
+        "1 2 3 10 20 a.JPG G1\n1 2 3 11 21 D:\\x\\multiview\\b.jpg G1\n1 2 3 12 22 multiview/B.JPG G1\n"
+        "1 2 3 1 2 c.JPG G1\n"
+        "4 5 6 100 200 closerange/d.JPG G2\n4 5 6 300 200 closerange/d.JPG G2\n4 5 6 7 8 closerange/a G2\n"
+    )
+    ids = ["multiview/a.JPG", "closerange/a.JPG", "multiview/b.JPG", "closerange/d.JPG"]
+    found = match_marks(read(tmp_path, text), ids)
+    assert {p.name: [m.photo_name for m in p.marks] for p in found.points} == {"G1": [], "G2": ["closerange/a.JPG"]}
+    assert found.remarks == (
+        "4 marks of gcp_list.txt are not used: 'a.JPG' matches closerange/a.JPG, multiview/a.JPG; give its folder, "
+        "too; 'D:\\x\\multiview\\b.jpg', 'multiview/B.JPG' match the same photograph multiview/b.JPG; write its path "
+        "in one way, as the campaign has it; 'c.JPG' is not among the campaign's photographs",
+        "G2 is marked in closerange/d.JPG at 100, 200 and at 300, 200 px (limit 3 px apart): none of these marks is "
+        "used",
+    )
+
+
+@pytest.mark.skipif(not CASES.is_dir(), reason="the shared cases are not on this machine")
+@pytest.mark.parametrize("case", ["windows_full_path", "images_prefix"])
+def test_cases_with_paths_of_other_programs(case: str) -> None:
+    surveyed = read_surveyed_points(CASES / f"{case}.txt")
+    names = {mark.photo_name for point in surveyed.points for mark in point.marks}
+    ids = {"/".join(name.replace("\\", "/").split("/")[-2:]) for name in names}
+    found = match_marks(surveyed, [*ids, "other/DJI_0001.JPG"])
+    assert found.remarks == ()
+    assert {mark.photo_name for point in found.points for mark in point.marks} == ids
 
 
 def test_coordinates_reach_the_site(tmp_path: Path) -> None:

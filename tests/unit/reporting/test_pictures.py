@@ -57,8 +57,8 @@ def test_names_as_people_write_them(painted: PaintedWall, two: Inspection, kind:
     [
         ("defects", "D0013", "defect 'D0013'.*similar names: .*wall-2026-D0012"),
         ("facades", "sout", "facade 'sout'.*similar names: South"),
-        ("photos", "c.png", r"photograph 'c.png'.*similar names: .*[ab]\.png"),
-        ("photos", "zzzzzzz", r"photograph 'zzzzzzz'.*similar names: a.png.*\(of 3\)"),
+        ("photos", "c.png", r"photograph: 'c.png' .*similar names: .*[ab]\.png"),
+        ("photos", "zzzzzzz", r"photograph: 'zzzzzzz' .*similar names: a.png.*\(of 3\)"),
     ],
 )
 def test_an_unknown_name_is_refused_with_similar_ones(
