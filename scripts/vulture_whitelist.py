@@ -132,3 +132,6 @@ _.render_broken_contract
 
 # Fields of ONNX
 _.dim_param
+
+# Of module warnings, set to record what Pillow warns about
+_.showwarning

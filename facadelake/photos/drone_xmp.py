@@ -23,7 +23,8 @@ import math
 import re
 from dataclasses import dataclass, replace
 
-from facadelake.photos.xmp import XmpPacket, parse_packet
+from facadelake.photos.gps_block import parse_gps_altitude
+from facadelake.photos.xmp import XmpPacket
 
 DJI = "http://www.dji.com/drone-dji/1.0"
 SKYDIO = "https://www.skydio.com/drone-skydio/1.0"
@@ -148,23 +149,35 @@ def _read_skydio(xmp: XmpPacket) -> DroneMetadata:
     )
 
 
-def _parse_angle(text: str) -> float:
-    """Signed degrees of ``48,21.1367729N`` (degrees, minutes) or ``48,21,8N``; NaN for other texts."""
-    found = _XMP_ANGLE.fullmatch(text)
+def _read_angle(xmp: XmpPacket, name: str) -> float:
+    """Signed degrees of ``48,21.1367729N`` (degrees, minutes) or ``48,21,8N``; NaN, with a warning, for other texts."""
+    text = xmp.get_text(EXIF_SCHEMA, name)
+    found = _XMP_ANGLE.fullmatch(text.upper())
     if found is None:
+        if text:
+            xmp.warnings.append(f"XMP {name} '{text[:40]}' is not of the form 48,21.1367729N; not used")
         return math.nan
     degrees = float(found[1]) + float(found[2]) / 60 + float(found[3] or 0) / 3600
     return -degrees if found[4] in "SW" else degrees
 
 
+def _read_altitude(xmp: XmpPacket) -> float:
+    """The altitude of the exif schema, negative below its reference; NaN, with a warning, where that is not clear."""
+    altitude = parse_gps_altitude(
+        xmp.get_number(EXIF_SCHEMA, "GPSAltitude"), xmp.get_text(EXIF_SCHEMA, "GPSAltitudeRef") or None
+    )
+    if altitude.warning:
+        xmp.warnings.append(f"XMP {altitude.warning}")
+    return altitude.altitude_m
+
+
 def _read_parrot(xmp: XmpPacket) -> DroneMetadata:
-    below = xmp.get_text(EXIF_SCHEMA, "GPSAltitudeRef").lower() in ("1", "below sea level")
     return DroneMetadata(
         maker="Parrot",
         body=xmp.get_text(PARROT, "SerialNumber"),
-        lat_deg=_parse_angle(xmp.get_text(EXIF_SCHEMA, "GPSLatitude")),
-        lon_deg=_parse_angle(xmp.get_text(EXIF_SCHEMA, "GPSLongitude")),
-        absolute_altitude_m=xmp.get_number(EXIF_SCHEMA, "GPSAltitude") * (-1 if below else 1),
+        lat_deg=_read_angle(xmp, "GPSLatitude"),
+        lon_deg=_read_angle(xmp, "GPSLongitude"),
+        absolute_altitude_m=_read_altitude(xmp),
         yaw_deg=xmp.get_number(PARROT, "CameraYawDegree"),
         pitch_deg=xmp.get_number(PARROT, "CameraPitchDegree"),
         roll_deg=xmp.get_number(PARROT, "CameraRollDegree"),
@@ -196,9 +209,8 @@ def _add_camera_schema(drone: DroneMetadata, xmp: XmpPacket, schema: str) -> Dro
     )
 
 
-def parse_drone_metadata(packet: bytes) -> DroneMetadata | None:
-    """Parse the XMP packet of a drone; None where it is missing, damaged, or not written by a drone."""
-    xmp = parse_packet(packet)
+def parse_drone_metadata(xmp: XmpPacket | None) -> DroneMetadata | None:
+    """The metadata of a drone in an XMP packet; None where it has none. What is not readable is in its warnings."""
     if xmp is None:
         return None
     readers = ((DJI, _read_dji), (SKYDIO, _read_skydio), (PARROT, _read_parrot))

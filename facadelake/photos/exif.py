@@ -11,8 +11,11 @@ from typing import Any
 from PIL.ExifTags import GPS, IFD, Base
 from PIL.Image import Exif
 
+from facadelake.photos.exif_values import parse_number, parse_positive, parse_text
+from facadelake.photos.gps_block import parse_gps_altitude, parse_gps_angle
+
 FULL_FRAME_DIAGONAL_MM = math.hypot(36.0, 24.0)
-_MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # EXIF FocalPlaneResolutionUnit
+_MM_PER_UNIT: dict[float, float] = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # EXIF FocalPlaneResolutionUnit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,8 +25,12 @@ class ExifMetadata:
     ``focal_length_35mm_mm`` is FocalLengthIn35mmFilm (by the diagonal, CIPA DCG-001). ``focal_plane_focal_px`` is the
     focal length times the focal plane resolution, where that refers to the stored size. ``altitude_ref``: 0 and 1 above
     and below sea level, 2 and 3 above and below the ellipsoid (EXIF 3.0). ``position_error_m`` is GPSHPositioningError,
-    ``position_step_deg`` the resolution of latitude and longitude as written. ``gps_time`` is the receiver's time.
-    ``two_dimensional``: the fix has no measured height. ``void``: the receiver had no fix.
+    ``position_step_deg`` the resolution of latitude and longitude as written, ``altitude_step_m`` that of the altitude.
+    ``gps_time`` is the receiver's time.
+    ``two_dimensional``: the fix has no measured height. ``void``: the receiver had no fix. ``unsigned_lat_deg`` and
+    ``unsigned_lon_deg`` are stated in place of ``lat_deg`` and ``lon_deg`` where the hemisphere is unknown;
+    ``position_problem`` says why there is no position although tags of one are there. ``warnings`` says what is damaged
+    or ambiguous, and how it is taken.
     """
 
     make: str = ""
@@ -37,9 +44,13 @@ class ExifMetadata:
     focal_plane_focal_px: float = math.nan
     lat_deg: float = math.nan
     lon_deg: float = math.nan
+    unsigned_lat_deg: float = math.nan
+    unsigned_lon_deg: float = math.nan
+    position_problem: str = ""
     position_step_deg: float = math.nan
     altitude_m: float = math.nan
     altitude_ref: int | None = None
+    altitude_step_m: float = math.nan
     position_error_m: float = math.nan
     dop: float = math.nan
     two_dimensional: bool = False
@@ -47,111 +58,135 @@ class ExifMetadata:
     map_datum: str = ""
     direction_deg: float = math.nan
     direction_magnetic: bool = False
+    warnings: tuple[str, ...] = ()
 
 
-def _parse_number(value: Any) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError, ZeroDivisionError):
-        return math.nan
+@dataclass(frozen=True, kw_only=True)
+class _TimeTags:
+    """A time of EXIF with its offset from UTC and its fraction of a second."""
+
+    name: str
+    time: int
+    offset: int
+    fraction: int
 
 
-def _parse_positive(value: Any) -> float:
-    number = _parse_number(value)
-    return number if number > 0 and math.isfinite(number) else math.nan
+_TIMES = (
+    _TimeTags(
+        name="DateTimeOriginal",
+        time=Base.DateTimeOriginal,
+        offset=Base.OffsetTimeOriginal,
+        fraction=Base.SubsecTimeOriginal,
+    ),
+    _TimeTags(
+        name="DateTimeDigitized",
+        time=Base.DateTimeDigitized,
+        offset=Base.OffsetTimeDigitized,
+        fraction=Base.SubsecTimeDigitized,
+    ),
+    _TimeTags(name="DateTime", time=Base.DateTime, offset=Base.OffsetTime, fraction=Base.SubsecTime),
+)
 
 
-def _parse_text(value: Any) -> str:
-    text = value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value or "")
-    return text.split("\0")[0].strip()
-
-
-def _parse_degrees(value: Any, ref: Any, negative: str) -> float:
-    """Signed degrees of degrees, minutes, seconds; NaN for other values."""
-    if not isinstance(value, tuple | list) or len(value) != 3:
-        return math.nan
-    degrees, minutes, seconds = (_parse_number(part) for part in value)
-    magnitude = degrees + minutes / 60 + seconds / 3600
-    return -magnitude if _parse_text(ref).upper() == negative else magnitude
-
-
-def _find_step(*angles: Any) -> float:
-    """The resolution of degrees, minutes, seconds in degrees, by the denominators of their (reduced) fractions."""
-    steps = [
-        1 / (unit * part.denominator)
-        for angle in angles
-        if isinstance(angle, tuple | list) and len(angle) == 3
-        for part, unit in zip(angle, (1, 60, 3600), strict=True)
-        if getattr(part, "denominator", 0) > 0
-    ]
-    return min(steps, default=math.nan)
-
-
-def _parse_time(block: dict[int, Any]) -> datetime | None:
-    text = _parse_text(block.get(Base.DateTimeOriginal))
-    offset = _parse_text(block.get(Base.OffsetTimeOriginal)).replace(":", "")
-    digits = _parse_text(block.get(Base.SubsecTimeOriginal))
+def _parse_time(block: dict[int, Any], tags: _TimeTags) -> datetime | None:
+    text = parse_text(block.get(tags.time))
+    offset = parse_text(block.get(tags.offset)).replace(":", "")
+    digits = parse_text(block.get(tags.fraction))
     second = Fraction(int(digits), 10 ** len(digits)) if digits.isdecimal() and len(digits) < 10 else Fraction(0)
     try:
         if offset:
             taken = datetime.strptime(text + offset, "%Y:%m:%d %H:%M:%S%z").astimezone(UTC)
         else:
             taken = datetime.strptime(text, "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
-    except ValueError:
+    except (ValueError, OverflowError):
         return None
     return taken.replace(microsecond=int(second * 10**6))
+
+
+def _read_time(block: dict[int, Any]) -> tuple[datetime | None, list[str]]:
+    """The time of exposure by the first readable of EXIF's times, and warnings where that is not DateTimeOriginal."""
+    warnings: list[str] = []
+    for tags in _TIMES:
+        taken = _parse_time(block, tags)
+        if taken is not None:
+            if tags.name == "DateTime":
+                warnings.append("the time is EXIF DateTime, that of the last change, as there is no DateTimeOriginal")
+            elif tags.name != "DateTimeOriginal":
+                warnings.append(f"the time is EXIF {tags.name}, as there is no DateTimeOriginal")
+            return taken, warnings
+        text = parse_text(block.get(tags.time))
+        if text.strip(": 0"):  # blanks or zeros: unknown
+            warnings.append(f"EXIF {tags.name} '{text[:30]}' is not a time of the form 2026:04:14 10:00:05; not used")
+    return None, warnings
 
 
 def _parse_gps_time(gps: dict[int, Any]) -> datetime | None:
     clock = gps.get(GPS.GPSTimeStamp)
     if not isinstance(clock, tuple | list) or len(clock) != 3:
         return None
-    seconds = sum(_parse_number(part) * unit for part, unit in zip(clock, (3600, 60, 1), strict=True))
+    seconds = sum(parse_number(part) * unit for part, unit in zip(clock, (3600, 60, 1), strict=True))
     try:
-        day = datetime.strptime(_parse_text(gps.get(GPS.GPSDateStamp)), "%Y:%m:%d").replace(tzinfo=UTC)
+        day = datetime.strptime(parse_text(gps.get(GPS.GPSDateStamp)), "%Y:%m:%d").replace(tzinfo=UTC)
         return datetime.fromtimestamp(day.timestamp() + seconds, tz=UTC)
     except (ValueError, OverflowError, OSError):
         return None
 
 
 def _compute_focal_plane_px(block: dict[int, Any], width_px: int) -> float:
-    per_unit = _parse_positive(block.get(Base.FocalPlaneXResolution))
-    mm = _MM_PER_UNIT.get(int(_parse_positive(block.get(Base.FocalPlaneResolutionUnit, 2)) or 2), math.nan)
+    per_unit = parse_positive(block.get(Base.FocalPlaneXResolution))
+    mm = _MM_PER_UNIT.get(parse_number(block.get(Base.FocalPlaneResolutionUnit, 2)), math.nan)
     # The resolution refers to the stored size only where EXIF states the same size (not resized since).
-    if _parse_number(block.get(Base.ExifImageWidth)) != width_px:
+    if parse_number(block.get(Base.ExifImageWidth)) != width_px:
         return math.nan
-    return _parse_positive(_parse_positive(block.get(Base.FocalLength)) * per_unit / mm)
+    return parse_positive(parse_positive(block.get(Base.FocalLength)) * per_unit / mm)
+
+
+def _read_block(exif: Exif, ifd: IFD | None) -> tuple[dict[int, Any], list[str]]:
+    """The tags of a directory of EXIF (None: the first one), and the damage that hides them."""
+    try:
+        return dict(exif.items() if ifd is None else exif.get_ifd(ifd)), []
+    except Exception as error:  # Pillow's parser of TIFF directories raises whatever damaged bytes lead to
+        name = "first directory" if ifd is None else "GPS block" if ifd is IFD.GPSInfo else "Exif block"
+        return {}, [f"EXIF is damaged ({error or type(error).__name__}): nothing of its {name} is used"]
 
 
 def read_exif(exif: Exif, *, width_px: int) -> ExifMetadata:
-    """Read the EXIF block of a photograph of the given stored width; a damaged block gives empty values."""
-    try:
-        block: dict[int, Any] = dict(exif.get_ifd(IFD.Exif))
-        gps: dict[int, Any] = dict(exif.get_ifd(IFD.GPSInfo))
-    except (OSError, SyntaxError, ValueError, KeyError, TypeError):
-        block, gps = {}, {}
-    ref = gps.get(GPS.GPSAltitudeRef)
-    altitude_ref = ref[0] if isinstance(ref, bytes) and ref else ref if isinstance(ref, int) else None
+    """Read the EXIF block of a photograph of the given stored width; what is damaged is empty, with a warning."""
+    head, head_damage = _read_block(exif, None)
+    block, block_damage = _read_block(exif, IFD.Exif)
+    gps, gps_damage = _read_block(exif, IFD.GPSInfo)
+    damage = (*head_damage, *block_damage, *gps_damage)
+    lat = parse_gps_angle(gps.get(GPS.GPSLatitude), gps.get(GPS.GPSLatitudeRef), "latitude")
+    lon = parse_gps_angle(gps.get(GPS.GPSLongitude), gps.get(GPS.GPSLongitudeRef), "longitude")
+    altitude = parse_gps_altitude(gps.get(GPS.GPSAltitude), gps.get(GPS.GPSAltitudeRef))
+    has_position = GPS.GPSLatitude in gps or GPS.GPSLongitude in gps
+    unsigned = [math.isnan(angle.angle_deg) and math.isfinite(angle.magnitude_deg) for angle in (lat, lon)]
+    taken_at, time_warnings = _read_time(head | block)
     return ExifMetadata(
-        make=_parse_text(exif.get(Base.Make)),
-        model=_parse_text(exif.get(Base.Model)),
-        body_serial=_parse_text(block.get(Base.BodySerialNumber)),
-        lens_model=_parse_text(block.get(Base.LensModel)),
-        taken_at=_parse_time(block),
+        make=parse_text(head.get(Base.Make)),
+        model=parse_text(head.get(Base.Model)),
+        body_serial=parse_text(block.get(Base.BodySerialNumber)),
+        lens_model=parse_text(block.get(Base.LensModel)),
+        taken_at=taken_at,
         gps_time=_parse_gps_time(gps),
-        focal_length_mm=_parse_positive(block.get(Base.FocalLength)),
-        focal_length_35mm_mm=_parse_positive(block.get(Base.FocalLengthIn35mmFilm)),
+        focal_length_mm=parse_positive(block.get(Base.FocalLength)),
+        focal_length_35mm_mm=parse_positive(block.get(Base.FocalLengthIn35mmFilm)),
         focal_plane_focal_px=_compute_focal_plane_px(block, width_px),
-        lat_deg=_parse_degrees(gps.get(GPS.GPSLatitude), gps.get(GPS.GPSLatitudeRef), "S"),
-        lon_deg=_parse_degrees(gps.get(GPS.GPSLongitude), gps.get(GPS.GPSLongitudeRef), "W"),
-        position_step_deg=_find_step(gps.get(GPS.GPSLatitude), gps.get(GPS.GPSLongitude)),
-        altitude_m=_parse_number(gps.get(GPS.GPSAltitude)) * (-1 if altitude_ref in (1, 3) else 1),
-        altitude_ref=altitude_ref,
-        position_error_m=_parse_positive(gps.get(GPS.GPSHPositioningError)),
-        dop=_parse_positive(gps.get(GPS.GPSDOP)),
-        two_dimensional=_parse_text(gps.get(GPS.GPSMeasureMode)) == "2",
-        void=_parse_text(gps.get(GPS.GPSStatus)).upper() == "V",
-        map_datum=_parse_text(gps.get(GPS.GPSMapDatum)),
-        direction_deg=_parse_number(gps.get(GPS.GPSImgDirection)),
-        direction_magnetic=_parse_text(gps.get(GPS.GPSImgDirectionRef)).upper() == "M",
+        lat_deg=lat.angle_deg,
+        lon_deg=lon.angle_deg,
+        unsigned_lat_deg=lat.magnitude_deg if unsigned[0] else math.nan,
+        unsigned_lon_deg=lon.magnitude_deg if unsigned[1] else math.nan,
+        position_problem="; ".join(filter(None, (lat.problem, lon.problem))) if has_position else "",
+        position_step_deg=min(filter(math.isfinite, (lat.step_deg, lon.step_deg)), default=math.nan),
+        altitude_m=altitude.altitude_m,
+        altitude_ref=altitude.ref,
+        altitude_step_m=altitude.step_m,
+        position_error_m=parse_positive(gps.get(GPS.GPSHPositioningError)),
+        dop=parse_positive(gps.get(GPS.GPSDOP)),
+        two_dimensional=parse_text(gps.get(GPS.GPSMeasureMode)) == "2",
+        void=parse_text(gps.get(GPS.GPSStatus)).upper() == "V",
+        map_datum=parse_text(gps.get(GPS.GPSMapDatum)),
+        direction_deg=parse_number(gps.get(GPS.GPSImgDirection)),
+        direction_magnetic=parse_text(gps.get(GPS.GPSImgDirectionRef)).upper() == "M",
+        warnings=tuple(filter(None, (*damage, lat.warning, lon.warning, altitude.warning, *time_warnings))),
     )

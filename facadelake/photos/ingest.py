@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-from PIL import Image
 
 from facadelake.core.arrays import Float64N, Float64Nx2
 from facadelake.core.errors import InputDataError
@@ -76,6 +74,7 @@ def _derive_priors(
                 height_px=photo.height_px,
                 exif=photo.exif,
                 drone=photo.drone,
+                warnings=photo.metadata_warnings,
             )
         )
     derived = derive_priors(readable, distance_to_model_m)
@@ -163,13 +162,10 @@ def ingest_photographs(
         raise InputDataError(
             f"no photograph in {root} or its sub-folders; photographs are jpg, jpeg, png, tif and tiff files"
         )
-    with warnings.catch_warnings():
-        # Pillow warns above 89 Mpx, which is a valid size here, and raises above twice that.
-        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
-        photos = {
-            photo.path.relative_to(root).as_posix(): photo
-            for photo in track(read_photos(paths), label="Reading photographs", total=len(paths))
-        }
+    photos = {
+        photo.path.relative_to(root).as_posix(): photo
+        for photo in track(read_photos(paths), label="Reading photographs", total=len(paths))
+    }
     priors, original_of = _derive_priors(photos, distance_to_model_m)
     roles = _assign_roles(list(photos), priors, distance_to_model_m, close_range_below_m)
     rows = [

@@ -78,7 +78,7 @@ def _check_height_range(prior: PositionPrior) -> PositionPrior:
     return replace(_add_warning(prior, warning), height_m=math.nan)
 
 
-def _east_north_from_lon_lat(lon_lat_deg: Float64Array, reference: Float64Array) -> Float64Array:
+def east_north_from_lon_lat(lon_lat_deg: Float64Array, reference: Float64Array) -> Float64Array:
     """East and north (n, 2) in metres of positions near ``reference`` (lon, lat), by a spherical approximation."""
     east = (lon_lat_deg[:, 0] - reference[0] + 180) % 360 - 180
     out: Float64Array = METRES_PER_DEGREE * np.column_stack(
@@ -98,7 +98,7 @@ def _check_distances(
     centre = np.median(places, axis=0)
 
     def distance_to_centre(lon_lat_deg: Float64Nx2) -> Float64N:
-        distance: Float64N = np.hypot(*_east_north_from_lon_lat(lon_lat_deg, centre).T)
+        distance: Float64N = np.hypot(*east_north_from_lon_lat(lon_lat_deg, centre).T)
         return distance
 
     distance = distance_to_model_m or distance_to_centre
@@ -144,7 +144,7 @@ def _discard_jumps(priors: list[PositionPrior], members: list[int], times_s: Flo
     times = times_s[members]
     places = np.array([_get_lon_lat(priors[i]) for i in members])
     sigma_m = np.array([[priors[i].sigma.horizontal_m, priors[i].sigma.vertical_m] for i in members])
-    metres = _east_north_from_lon_lat(places, np.median(places, axis=0))
+    metres = east_north_from_lon_lat(places, np.median(places, axis=0))
     for i in _find_off_chain(metres, times, _NOISE_SIGMAS * sigma_m[:, 0], MAX_HORIZONTAL_M_S):
         k = _choose_neighbour(i, len(members))
         apart, seconds = float(np.hypot(*(metres[i] - metres[k]))), abs(times[i] - times[k])
@@ -221,7 +221,7 @@ def _widen_frozen_runs(priors: list[PositionPrior], members: list[int], times_s:
         # The camera was between the positions before and after; without these, as far away as it can have moved.
         ends = [runs[k][0] for k in (number - 1, number + 1) if 0 <= k < len(runs)]
         places = np.array([_get_lon_lat(priors[i]) for i in [run[0], *ends]])
-        reach_m = float(np.hypot(*_east_north_from_lon_lat(places, places[0]).T).max())
+        reach_m = float(np.hypot(*east_north_from_lon_lat(places, places[0]).T).max())
         reach_m = reach_m or TYPICAL_M_S * float(times_s[run[-1]] - times_s[run[0]])
         frozen_height = len({priors[i].height_m for i in run}) == 1
         for i in run:

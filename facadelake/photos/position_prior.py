@@ -1,11 +1,14 @@
-"""Position priors of a photograph: XMP before EXIF, each with its sigma, its height datum and its evidence."""
+"""Position priors of a photograph, each with its sigma, its height datum and its evidence.
+
+XMP is used before EXIF, unless the portfolio says which of them counts. Where the two disagree, both are told.
+"""
 
 from __future__ import annotations
 
 import math
 import re
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pyproj.transformer import TransformerGroup
@@ -176,51 +179,136 @@ def _widen_sigma(
     return PositionSigma(horizontal_m=horizontal_m, vertical_m=vertical_m), tuple(warnings)
 
 
-def _compare_with_exif(drone: DroneMetadata, exif: ExifMetadata) -> tuple[str, ...]:
-    """Warnings where XMP and EXIF of one photograph differ by more than rounding; XMP is used."""
+def _check_drone_position(drone: DroneMetadata) -> str:
+    if drone.gps_status.lower() == "invalid":
+        return "GpsStatus is Invalid"
+    return check_position(drone.lon_deg, drone.lat_deg)
+
+
+def _check_exif_position(exif: ExifMetadata) -> str:
+    return exif.position_problem or check_position(exif.lon_deg, exif.lat_deg)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Disagreement:
+    """Differences of the positions in XMP and EXIF beyond their sigmas, m (0: they agree), and warnings with both."""
+
+    horizontal_m: float = 0.0
+    vertical_m: float = 0.0
+    warnings: tuple[str, ...] = ()
+
+
+def _compare_xmp_with_exif(drone: DroneMetadata, exif: ExifMetadata, outcome: str) -> _Disagreement:
+    """Compare the two statements about one photograph; ``outcome`` says which one counts, for the warning.
+
+    Both are written from one fix of one receiver, so that they must agree within one sigma of their difference and the
+    rounding of EXIF. An accuracy that EXIF states is that of its own position, else both have that of the receiver.
+    """
+    xmp_sigma, _ = _estimate_drone_sigma(drone)
+    exif_sigma = _estimate_exif_sigma(exif)[0] if math.isfinite(exif.position_error_m) else xmp_sigma
+    horizontal_m = vertical_m = 0.0
     warnings = []
-    north = exif.lat_deg - drone.lat_deg
-    east = (exif.lon_deg - drone.lon_deg) * math.cos(math.radians(drone.lat_deg))
-    apart_m = math.hypot(north, east) * METRES_PER_DEGREE
-    if apart_m > 5.0 and not check_position(exif.lon_deg, exif.lat_deg):
-        warnings.append(f"the position of EXIF is {apart_m:.0f} m from that of XMP, which is used")
-    if abs(exif.altitude_m - drone.absolute_altitude_m) > 2.0:
+    if not _check_drone_position(drone) and not _check_exif_position(exif):
+        north = exif.lat_deg - drone.lat_deg
+        east = ((exif.lon_deg - drone.lon_deg + 180) % 360 - 180) * math.cos(math.radians(drone.lat_deg))
+        apart_m = math.hypot(north, east) * METRES_PER_DEGREE
+        # Rounded or truncated to a step in each axis.
+        step_m = math.sqrt(2) * METRES_PER_DEGREE * exif.position_step_deg if exif.position_step_deg > 0 else 0.0
+        limit_m = math.hypot(xmp_sigma.horizontal_m, exif_sigma.horizontal_m) + step_m
+        if apart_m > limit_m:
+            horizontal_m = apart_m
+            warnings.append(
+                f"the positions disagree by {apart_m:.2f} m, beyond their sigmas ({limit_m:.2g} m): "
+                f"XMP lat {drone.lat_deg:.8f}, lon {drone.lon_deg:.8f}; "
+                f"EXIF lat {exif.lat_deg:.8f}, lon {exif.lon_deg:.8f}; {outcome}"
+            )
+    apart_m = abs(exif.altitude_m - drone.absolute_altitude_m)
+    step_m = exif.altitude_step_m if exif.altitude_step_m > 0 else 0.0
+    limit_m = math.hypot(xmp_sigma.vertical_m, exif_sigma.vertical_m) + step_m
+    if apart_m > limit_m and not _is_geoid_height(drone, exif, limit_m):
+        vertical_m = apart_m
         warnings.append(
-            f"EXIF GPSAltitude {exif.altitude_m:.1f} m differs from {drone.absolute_altitude_m:.1f} m of XMP, "
-            "which is used"
+            f"the heights disagree by {apart_m:.2f} m, beyond their sigmas ({limit_m:.2g} m): "
+            f"XMP {drone.absolute_altitude_m:.2f} m; EXIF {exif.altitude_m:.2f} m; {outcome}"
         )
-    return tuple(warnings)
+    return _Disagreement(horizontal_m=horizontal_m, vertical_m=vertical_m, warnings=tuple(warnings))
 
 
-def derive_position_prior(drone: DroneMetadata | None, exif: ExifMetadata) -> PositionPrior:
-    """The position of XMP if it is valid, else that of EXIF (some firmware truncates it), else none with the reason."""
-    problems: list[str] = []
+# EGM96 differs from other models of the geoid by up to a metre.
+_GEOID_MODEL_M = 1.0
+
+
+def _is_geoid_height(drone: DroneMetadata, exif: ExifMetadata, limit_m: float) -> bool:
+    """Whether XMP is above the ellipsoid and EXIF above sea level, of one and the same height."""
+    if drone.rtk_flag != RTK_FIXED or exif.altitude_ref not in (0, 1) or _check_drone_position(drone):
+        return False
+    converted = ellipsoidal_from_egm96(drone.lon_deg, drone.lat_deg, exif.altitude_m)
+    return converted is not None and abs(converted[0] - drone.absolute_altitude_m) <= limit_m + _GEOID_MODEL_M
+
+
+_ASK_REGISTRY = "XMP is used, its sigma covers both; set 'positions: exif' or 'positions: xmp' in the portfolio"
+
+
+def derive_position_prior(
+    drone: DroneMetadata | None, exif: ExifMetadata, counts: PositionSource | None = None
+) -> PositionPrior:
+    """The position of XMP if it is valid, else that of EXIF, else none with the reason.
+
+    Where the two disagree beyond their sigmas there is a warning with both. The sigma then covers the difference,
+    unless ``counts`` says which one counts (XMP or EXIF); the other one is used only where that has no position.
+
+    Args:
+        drone: XMP metadata; None where no drone wrote any.
+        exif: EXIF metadata.
+        counts: XMP or EXIF, as the portfolio says; None where it says nothing.
+
+    Returns:
+        The prior; its source is NONE where there is no position.
+    """
+    problems = {PositionSource.EXIF: _check_exif_position(exif)}
     if drone is not None:
-        problem = check_position(drone.lon_deg, drone.lat_deg)
-        if drone.gps_status.lower() == "invalid":
-            problem = "GpsStatus is Invalid"
-        if not problem:
-            return _build_prior(PositionSource.XMP, drone.lon_deg, drone.lat_deg, drone, exif)
-        problems.append(f"XMP: {problem}")
-    problem = check_position(exif.lon_deg, exif.lat_deg)
-    if problem:
-        return PositionPrior(source=PositionSource.NONE, reason="; ".join([*problems, f"EXIF: {problem}"]))
-    return _build_prior(PositionSource.EXIF, exif.lon_deg, exif.lat_deg, drone, exif)
+        problems = {PositionSource.XMP: _check_drone_position(drone)} | problems
+    sources = sorted(problems, key=lambda source: source is not counts)
+    source = next((source for source in sources if not problems[source]), PositionSource.NONE)
+    if source is PositionSource.NONE:
+        reason = "; ".join(f"{source.upper()}: {problems[source]}" for source in problems)
+        return PositionPrior(source=PositionSource.NONE, reason=reason)
+    prior = _build_prior(source, drone, exif, counts)
+    if counts in problems and source is not counts:
+        warning = f"{counts.upper()}, which counts by the portfolio, has no position ({problems[counts]}); "
+        return replace(prior, warnings=(*prior.warnings, f"{warning}{source.upper()} is used"))
+    return prior
 
 
 def _build_prior(
-    source: PositionSource, lon_deg: float, lat_deg: float, drone: DroneMetadata | None, exif: ExifMetadata
+    source: PositionSource, drone: DroneMetadata | None, exif: ExifMetadata, counts: PositionSource | None
 ) -> PositionPrior:
-    sigma, sigma_evidence = _estimate_drone_sigma(drone) if drone is not None else _estimate_exif_sigma(exif)
+    outcome = _ASK_REGISTRY if counts is None else f"{source.upper()} is used, as the portfolio says"
+    disagreement = _compare_xmp_with_exif(drone, exif, outcome) if drone is not None else _Disagreement()
+    exif_is_another = counts is PositionSource.EXIF and disagreement.horizontal_m > 0
+    if drone is None or (exif_is_another and math.isfinite(exif.position_error_m)):
+        sigma, sigma_evidence = _estimate_exif_sigma(exif)
+    elif exif_is_another:  # the fix that XMP states the accuracy of is not that of EXIF
+        sigma, sigma_evidence = SIGMA_DRONE, "no accuracy of its own, taken as that of a receiver without corrections"
+    else:
+        sigma, sigma_evidence = _estimate_drone_sigma(drone)
     sigma, warnings = _widen_sigma(sigma, exif, source)
-    if drone is not None:
-        warnings += _compare_with_exif(drone, exif)
-    height_m = drone.absolute_altitude_m if drone is not None else math.nan
-    height_source = "EXIF"
-    if drone is not None and math.isfinite(height_m):
-        height_source = f"XMP {drone.altitude_type}".strip()
-    height_m = height_m if math.isfinite(height_m) else exif.altitude_m
-    inferred = infer_height_datum(drone, exif)
+    if counts is None:
+        sigma = PositionSigma(
+            horizontal_m=max(sigma.horizontal_m, disagreement.horizontal_m),
+            vertical_m=max(sigma.vertical_m, disagreement.vertical_m),
+        )
+    warnings += disagreement.warnings
+    lon_deg, lat_deg = exif.lon_deg, exif.lat_deg
+    if drone is not None and source is PositionSource.XMP:
+        lon_deg, lat_deg = drone.lon_deg, drone.lat_deg
+    by_xmp = drone is not None and math.isfinite(drone.absolute_altitude_m)
+    if counts is PositionSource.EXIF and math.isfinite(exif.altitude_m):
+        by_xmp = False
+    height_m = drone.absolute_altitude_m if drone is not None and by_xmp else exif.altitude_m
+    height_source = f"XMP {drone.altitude_type}".strip() if drone is not None and by_xmp else "EXIF"
+    # The fix that XMP speaks of is not that of another height.
+    inferred = infer_height_datum(drone if by_xmp or not disagreement.vertical_m else None, exif)
     datum, height_evidence = inferred.datum, f"{height_source} height {inferred.evidence}"
     if datum is HeightDatum.ORTHOMETRIC and math.isfinite(height_m):
         converted = ellipsoidal_from_egm96(lon_deg, lat_deg, height_m)

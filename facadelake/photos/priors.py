@@ -14,19 +14,21 @@ from facadelake.photos.drone_xmp import DroneMetadata
 from facadelake.photos.exif import ExifMetadata
 from facadelake.photos.flights import Exposure, assign_flights
 from facadelake.photos.focal_prior import FocalPrior, derive_focal_prior
+from facadelake.photos.hemispheres import resolve_hemispheres
 from facadelake.photos.plausibility import TimedPrior, check_priors
 from facadelake.photos.position_prior import PositionPrior, derive_position_prior
 
 
 @dataclass(frozen=True, kw_only=True)
 class PhotoMetadata:
-    """The metadata of one readable photograph."""
+    """The metadata of one readable photograph; ``warnings`` states what of them is damaged or ambiguous."""
 
     photo_id: str
     width_px: int
     height_px: int
     exif: ExifMetadata
     drone: DroneMetadata | None
+    warnings: tuple[str, ...] = ()
 
     @property
     def camera(self) -> str:
@@ -66,6 +68,13 @@ def derive_priors(
 ) -> list[PhotoPriors]:
     """The priors of all photographs of a campaign; ``distance_to_model_m`` as in ``plausibility.check_priors``."""
     photos = _unify_position_steps(photos)
+    resolved = resolve_hemispheres(
+        [photo.exif for photo in photos], [photo.drone for photo in photos], distance_to_model_m
+    )
+    photos = [
+        replace(photo, exif=hemispheres.exif, warnings=(*photo.warnings, *hemispheres.warnings))
+        for photo, hemispheres in zip(photos, resolved, strict=True)
+    ]
     drones = _resolve_pitch_convention(photos)
     readings = [
         ClockReading(photo_id=p.photo_id, body=p.body, taken_at=p.exif.taken_at, gps_time=p.exif.gps_time)
@@ -84,7 +93,7 @@ def derive_priors(
     for i, photo in enumerate(photos):
         attitude = derive_attitude_prior(drones[i], photo.exif)
         focal = derive_focal_prior(drones[i], photo.exif, width_px=photo.width_px, height_px=photo.height_px)
-        warnings = (*positions[i].warnings, attitude.warning, focal.warning, clock_warnings[i])
+        warnings = (*photo.warnings, *positions[i].warnings, attitude.warning, focal.warning, clock_warnings[i])
         out.append(
             PhotoPriors(
                 position=positions[i],

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import threading
+import warnings
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from typing import TextIO
 
 from PIL import Image, UnidentifiedImageError
 
@@ -16,6 +19,7 @@ from facadelake.core.hashing import hash_file
 from facadelake.photos.drone_xmp import DroneMetadata, parse_drone_metadata
 from facadelake.photos.exif import ExifMetadata, read_exif
 from facadelake.photos.files import FORMATS_BY_SUFFIX, RAW_SUFFIXES
+from facadelake.photos.xmp import parse_packet
 
 # Each thread decodes one photograph at a time, so that memory is limited to WORKERS decoded photographs.
 WORKERS = max(2, min(8, os.cpu_count() or 2))
@@ -29,11 +33,15 @@ class DecodedImage:
     height_px: int
     exif: Image.Exif
     xmp: bytes
+    exif_damage: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Photo:
-    """One file with its hash and metadata; ``problem`` states why it cannot be read, else it is empty."""
+    """One file with its hash and metadata; ``problem`` states why it cannot be read, else it is empty.
+
+    ``metadata_warnings`` states what of its metadata is damaged or ambiguous.
+    """
 
     path: Path
     sha256: str
@@ -43,6 +51,7 @@ class Photo:
     height_px: int = 0
     exif: ExifMetadata | None = None
     drone: DroneMetadata | None = None
+    metadata_warnings: tuple[str, ...] = ()
 
 
 def decode_photograph(path: Path) -> DecodedImage:
@@ -68,7 +77,7 @@ def decode_photograph(path: Path) -> DecodedImage:
             image.load()
             width_px, height_px = image.size
             xmp = image.info.get("xmp", b"")
-            exif = image.getexif()
+            exif, exif_damage = _get_exif(image)
     except UnidentifiedImageError as error:
         raise InputDataError("the file has no known image format; copy it again from the card") from error
     except Image.DecompressionBombError as error:
@@ -78,8 +87,47 @@ def decode_photograph(path: Path) -> DecodedImage:
             f"the photograph cannot be decoded completely ({error}); copy it again from the card"
         ) from error
     return DecodedImage(
-        width_px=width_px, height_px=height_px, exif=exif, xmp=xmp.encode() if isinstance(xmp, str) else bytes(xmp)
+        width_px=width_px,
+        height_px=height_px,
+        exif=exif,
+        xmp=xmp.encode("utf-8", "replace") if isinstance(xmp, str) else bytes(xmp),
+        exif_damage=exif_damage,
     )
+
+
+def _get_exif(image: Image.Image) -> tuple[Image.Exif, str]:
+    """EXIF and, where it is so damaged that Pillow refuses it, what is wrong with it: the pixels are good."""
+    try:
+        return image.getexif(), ""
+    except Exception as error:  # Pillow's parser of TIFF directories raises whatever damaged bytes lead to
+        return Image.Exif(), f"EXIF is damaged ({error or type(error).__name__}): nothing of it is used"
+
+
+class _PillowWarnings(threading.local):
+    """What Pillow warns about in this thread: it skips damaged tags of EXIF with a warning."""
+
+    messages: tuple[str, ...] = ()
+
+    def clear(self) -> None:
+        self.messages = ()
+
+    def record(
+        self,
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        """Takes the place of ``warnings.showwarning``."""
+        text = str(message)
+        # "had too many entries" is harmless: the first one is read.
+        if Path(filename).name == "TiffImagePlugin.py" and text not in self.messages and "too many" not in text:
+            self.messages = (*self.messages, text)
+
+
+_PILLOW = _PillowWarnings()
 
 
 def read_photo(path: Path) -> Photo:
@@ -88,24 +136,37 @@ def read_photo(path: Path) -> Photo:
         sha256, size = hash_file(path), path.stat().st_size
     except OSError as error:
         return Photo(path=path, sha256="", bytes=0, problem=f"the file cannot be read ({error.strerror})")
+    _PILLOW.clear()
     try:
         decoded = decode_photograph(path)
     except InputDataError as error:
         return Photo(path=path, sha256=sha256, bytes=size, problem=str(error))
+    exif = read_exif(decoded.exif, width_px=decoded.width_px)
+    skipped = [f"EXIF is damaged ({message}): what is damaged of it is not used" for message in _PILLOW.messages]
+    xmp = parse_packet(decoded.xmp)
+    drone = parse_drone_metadata(xmp)
     return Photo(
         path=path,
         sha256=sha256,
         bytes=size,
         width_px=decoded.width_px,
         height_px=decoded.height_px,
-        exif=read_exif(decoded.exif, width_px=decoded.width_px),
-        drone=parse_drone_metadata(decoded.xmp),
+        exif=exif,
+        drone=drone,
+        # What could not be read is known only after the drone's properties were asked for.
+        metadata_warnings=tuple(
+            filter(None, (decoded.exif_damage, *skipped, *exif.warnings, *(xmp.warnings if xmp else ())))
+        ),
     )
 
 
 def read_photos(paths: list[Path]) -> Iterator[Photo]:
     """Read photographs in parallel; they are returned in the order of ``paths``, a bounded number read ahead."""
-    with ThreadPoolExecutor(WORKERS) as pool:
+    with warnings.catch_warnings(), ThreadPoolExecutor(WORKERS) as pool:
+        warnings.simplefilter("always", UserWarning)
+        # Pillow warns above 89 Mpx, which is a valid size here, and raises above twice that.
+        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+        warnings.showwarning = _PILLOW.record
         remaining = iter(paths)
         submitted = [pool.submit(read_photo, path) for path in islice(remaining, 2 * WORKERS)]
         while submitted:

@@ -6,6 +6,8 @@ import numpy as np
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
+from tests.unit.photos.exif_bytes import Tags, build_exif
+
 XMP = (
     '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
     '<rdf:Description rdf:about="" xmlns:drone-dji="http://www.dji.com/drone-dji/1.0/" {}/></rdf:RDF></x:xmpmeta>'
@@ -43,4 +45,17 @@ def photograph(
         block[5], block[6] = b"\0", IFDRational(round(altitude_m * 10), 10)
     out = io.BytesIO()
     image.save(out, "JPEG", quality=95, exif=exif, xmp=XMP.format(xmp).encode() if xmp else None)
+    return out.getvalue()
+
+
+def photograph_with(gps: Tags, *, xmp: bytes = b"", detail: Tags | None = None, head: Tags | None = None) -> bytes:
+    """A small JPEG with these tags as they are, and this XMP packet as it is."""
+    exif = build_exif(
+        head={271: "Maker", 272: "Model"} | dict(head or {}),
+        detail={36867: "2026:04:14 10:00:05"} if detail is None else detail,
+        gps=gps,
+    )
+    out = io.BytesIO()
+    pixels = np.random.default_rng(len(xmp) + len(repr(gps))).integers(0, 255, (48, 64, 3), dtype=np.uint8)
+    Image.fromarray(pixels).save(out, "JPEG", exif=exif, xmp=xmp or None)
     return out.getvalue()

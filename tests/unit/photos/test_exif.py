@@ -129,10 +129,14 @@ def test_xmp_is_used_and_a_different_exif_value_is_warned_about() -> None:
     assert derive_position_prior(drone, close).warnings == ()
     prior = derive_position_prior(drone, ExifMetadata(lat_deg=-33.8567, lon_deg=-70.66, altitude_m=30.04))
     assert (prior.source, prior.lon_deg, prior.height_m) == ("xmp", -70.6627, -30.04)
+    asked = "XMP is used, its sigma covers both; set 'positions: exif' or 'positions: xmp' in the portfolio"
     assert prior.warnings == (
-        "the position of EXIF is 250 m from that of XMP, which is used",
-        "EXIF GPSAltitude 30.0 m differs from -30.0 m of XMP, which is used",
+        "the positions disagree by 249.60 m, beyond their sigmas (4.2 m): XMP lat -33.85670000, lon -70.66270000; "
+        f"EXIF lat -33.85670000, lon -70.66000000; {asked}",
+        f"the heights disagree by 60.08 m, beyond their sigmas (7.1 m): XMP -30.04 m; EXIF 30.04 m; {asked}",
     )
+    assert prior.sigma.horizontal_m == pytest.approx(249.6, rel=0, abs=0.1)  # m
+    assert prior.sigma.vertical_m == pytest.approx(60.1, rel=0, abs=0.1)  # m
 
 
 def test_a_damaged_block_gives_empty_values() -> None:

@@ -23,7 +23,7 @@ def packet(description: str) -> bytes:
 
 def read(description: str) -> DroneMetadata:
     """The metadata of the packet."""
-    metadata = parse_drone_metadata(packet(description))
+    metadata = parse_drone_metadata(parse_packet(packet(description)))
     assert metadata is not None
     return metadata
 
@@ -187,7 +187,8 @@ def test_sensefly_states_all_sigmas() -> None:
 
 
 def test_a_packet_of_an_editor_or_a_phone_is_no_drones() -> None:
-    assert parse_drone_metadata(packet('<rdf:Description xmlns:e="http://ns.adobe.com/exif/1.0/" e:A="1"/>')) is None
+    editor = parse_packet(packet('<rdf:Description xmlns:e="http://ns.adobe.com/exif/1.0/" e:A="1"/>'))
+    assert parse_drone_metadata(editor) is None
 
 
 def test_fractions_bad_numbers_and_deep_nesting() -> None:

@@ -14,6 +14,7 @@ from facadelake.photos.position_prior import (
     PositionSigma,
     derive_position_prior,
 )
+from facadelake.photos.xmp import parse_packet
 from schemas.vocabulary import HeightDatum, PositionSource
 
 HEAD = (
@@ -33,14 +34,14 @@ BOMB = '<!DOCTYPE x [<!ENTITY a "aaaa">]>'
 
 def drone(text: str) -> DroneMetadata:
     """The packet with these attributes."""
-    parsed = parse_drone_metadata((HEAD + f" {text}/></rdf:RDF></x:xmpmeta>").encode())
+    parsed = parse_drone_metadata(parse_packet((HEAD + f" {text}/></rdf:RDF></x:xmpmeta>").encode()))
     assert parsed is not None
     return parsed
 
 
 @pytest.mark.parametrize("packet", [ATTRIBUTES, ELEMENTS, "<?xpacket?>" + ATTRIBUTES + " " * 50 + "\0"])
 def test_both_forms_and_the_misspelt_longitude(packet: str) -> None:
-    metadata = parse_drone_metadata(packet.encode())
+    metadata = parse_drone_metadata(parse_packet(packet.encode()))
     assert metadata is not None
     assert (metadata.lat_deg, metadata.lon_deg, metadata.rtk_flag) == (48.5, 8.25, 50)
     assert math.isnan(metadata.absolute_altitude_m)
@@ -52,7 +53,7 @@ def test_both_forms_and_the_misspelt_longitude(packet: str) -> None:
      BOMB.encode() + b"<x:xmpmeta>&a;</x:xmpmeta>"],
 )  # fmt: skip
 def test_a_missing_broken_or_malicious_packet_has_no_metadata(packet: bytes) -> None:
-    assert parse_drone_metadata(packet) is None
+    assert parse_drone_metadata(parse_packet(packet)) is None
 
 
 PLACE = 'drone-dji:GpsLatitude="48.5" drone-dji:GpsLongitude="8.25" drone-dji:AbsoluteAltitude="200"'
@@ -80,7 +81,7 @@ PLACE = 'drone-dji:GpsLatitude="48.5" drone-dji:GpsLongitude="8.25" drone-dji:Ab
 )
 def test_sigma_and_datum_need_evidence(rtk: str, sigma: PositionSigma, datum: HeightDatum) -> None:
     prior = derive_position_prior(
-        drone(f"{PLACE} {rtk}"), ExifMetadata(lat_deg=1.0, lon_deg=1.0, altitude_m=5.0, altitude_ref=0)
+        drone(f"{PLACE} {rtk}"), ExifMetadata(lat_deg=48.5, lon_deg=8.25, altitude_m=200.0, altitude_ref=0)
     )
     assert (prior.source, prior.height_m, prior.sigma, prior.height_datum) == (PositionSource.XMP, 200.0, sigma, datum)
 
