@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 _QUOTES = ("'", '"')
-_SUFFIX_SYNONYMS = {".jpeg": ".jpg", ".jpe": ".jpg", ".tiff": ".tif"}
+_SUFFIX_SYNONYMS = {".jpeg": ".jpg", ".jpe": ".jpg", ".jfif": ".jpg", ".tiff": ".tif"}
 _LISTED_MAX = 3
 
 _Parts = tuple[str, ...]

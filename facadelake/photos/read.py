@@ -18,7 +18,7 @@ from facadelake.core.errors import InputDataError
 from facadelake.core.hashing import hash_file
 from facadelake.photos.drone_xmp import DroneMetadata, parse_drone_metadata
 from facadelake.photos.exif import ExifMetadata, read_exif
-from facadelake.photos.files import FORMATS_BY_SUFFIX, RAW_SUFFIXES
+from facadelake.photos.files import FORMATS_BY_SUFFIX, explain_unsupported
 from facadelake.photos.xmp import parse_packet
 
 # Each thread decodes one photograph at a time, so that memory is limited to WORKERS decoded photographs.
@@ -61,8 +61,9 @@ def decode_photograph(path: Path) -> DecodedImage:
     all pixel coordinates (tie points, boxes, control points) refer to the file as stored.
     Raises InputDataError where the file cannot be decoded.
     """
-    if path.suffix.lower() in RAW_SUFFIXES:
-        raise InputDataError("raw photographs are not supported; export this one as JPEG or TIFF")
+    unsupported = explain_unsupported(path)
+    if unsupported:
+        raise InputDataError(unsupported)
     if path.stat().st_size == 0:
         raise InputDataError("the file is empty (0 bytes); copy it again from the camera's card")
     allowed = FORMATS_BY_SUFFIX[path.suffix.lower()]

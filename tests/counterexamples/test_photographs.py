@@ -33,6 +33,26 @@ REFUSED = {
     "metadata: export the original again, or correct the suffix",
     "raw.DNG": "raw photographs are not supported; export this one as JPEG or TIFF",
 }
+CONVERT_HEIC = (
+    "HEIC and AVIF photographs are not supported; convert this one to JPEG with its EXIF (heif-convert -q 95), and set "
+    "the camera to JPEG"
+)
+RAW = "raw photographs are not supported; export this one as JPEG or TIFF"
+NOT_READ = {
+    "a.HEIC": CONVERT_HEIC,
+    "b.heif": CONVERT_HEIC,
+    "c.CR2": RAW,
+    "d.arw": RAW,
+    "e.NEF": RAW,
+    "f.webp": "WebP photographs are not supported: COLMAP, which reconstructs the block, does not decode them; use the "
+    "camera's original, or convert this one to JPEG with its EXIF and XMP",
+    "g.gif": "pictures of this format are not supported; use the camera's original, or convert this one to JPEG",
+    "h.MP4": "a video is no photograph; extract frames as JPEG, and give their positions in a file (key 'positions')",
+    "._good.jpg": "a file that macOS writes beside good.jpg for its own metadata; it has no picture: delete it",
+    "good.jpg_original": "a backup copy that exiftool wrote of good.jpg; delete it, or move it out of the photographs' "
+    "folder",
+    "i": "the content is that of a picture but the name has no suffix; rename it, such as to i.jpg",
+}
 WITHOUT_PRIOR = {
     "no-exif.jpg": f"no position prior (EXIF: no position); {NO_PRIOR}",
     "no-gps.jpg": f"no position prior (EXIF: no position); {NO_PRIOR}",
@@ -93,6 +113,18 @@ def test_every_bad_file_is_a_row_and_the_good_ones_go_on(photos: pa.Table) -> No
         assert (rows[name]["prior_source"], rows[name]["prior_height_datum"]) == ("none", "unknown")
         said = ("lon_deg", "lat_deg", "height_m", "sigma_horizontal_m", "sigma_vertical_m", "evidence")
         assert {rows[name][f"prior_{column}"] for column in said} == {None}, name
+
+
+def test_what_looks_like_a_photograph_and_is_not_read_has_a_row_and_a_reason(tmp_path: Path) -> None:
+    for name in NOT_READ:
+        (tmp_path / name).write_bytes(photograph(lat=LAT, seed=30) if name in ("i", "good.jpg_original") else b"x")
+    (tmp_path / "good.jpg").write_bytes(photograph(lat=LAT, seed=31))
+    (tmp_path / "good.jfif").write_bytes(photograph(lat=LAT, seed=32))
+    for name in ("notes.txt", "noname", ".DS_Store", "Thumbs.db", "track.gpx"):
+        (tmp_path / name).write_bytes(b"x")
+    rows = ingest_photographs(tmp_path, distance_to_model_m=None, close_range_below_m=8.0).to_pylist()
+    assert {row["photo_id"]: row["reason"] for row in rows if row["photo_outcome"] == "unreadable"} == NOT_READ
+    assert [row["photo_id"] for row in rows if row["photo_outcome"] == "accepted"] == ["good.jfif", "good.jpg"]
 
 
 def test_a_position_out_of_range_in_xmp_leaves_that_of_exif(tmp_path: Path) -> None:

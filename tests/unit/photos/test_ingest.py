@@ -1,11 +1,14 @@
 """Rows of readable files; unreadable ones are in tests/counterexamples/test_photographs.py."""
 
+import subprocess
+import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
-from facadelake.photos.files import find_photographs
+from facadelake.photos.files import FORMATS_BY_SUFFIX, find_photographs
 from facadelake.photos.ingest import ingest_photographs
 from tests.unit.photos.small_photographs import photograph
 
@@ -66,7 +69,27 @@ def test_hidden_and_foreign_files_are_not_photographs(tmp_path: Path) -> None:
     for name in (".hidden/a.jpg", "b.txt", "._c.jpg", "sub/d.TIFF", "e.Jpeg"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(b"x")
-    assert [path.name for path in find_photographs(tmp_path)] == ["e.Jpeg", "d.TIFF"]
+    # what macOS writes beside photographs is listed, to be refused with a reason
+    assert [path.name for path in find_photographs(tmp_path)] == ["._c.jpg", "e.Jpeg", "d.TIFF"]
+
+
+def test_colmap_and_opencv_decode_every_format_that_is_accepted(tmp_path: Path) -> None:
+    """In a process of its own, as COLMAP's worker is."""
+    pixels = Image.fromarray(np.random.default_rng(1).integers(0, 255, (48, 64, 3), dtype=np.uint8))
+    for suffix, formats in FORMATS_BY_SUFFIX.items():
+        for name in formats:
+            pixels.save(tmp_path / f"{name}{suffix}", format=name)
+    for compression in ("tiff_lzw", "tiff_adobe_deflate", "jpeg"):
+        pixels.save(tmp_path / f"{compression}.tif", compression=compression)
+    code = (
+        "import sys, cv2, pycolmap\n"
+        "for path in sys.argv[1:]:\n"
+        "    assert pycolmap.Bitmap.read(path, False) is not None, path\n"
+        "    assert cv2.imread(path) is not None, path\n"
+    )
+    paths = sorted(map(str, tmp_path.iterdir()))
+    assert len(paths) == 14
+    subprocess.run([sys.executable, "-c", code, *paths], check=True)
 
 
 def test_the_photographs_of_one_camera_decide_its_pitch_convention(tmp_path: Path) -> None:
