@@ -136,7 +136,8 @@ def pictures(
         typer.Option(help="Draw a card of this defect, by its id or its number on the elevations. Repeatable."),
     ] = None,
     facade: Annotated[
-        list[str] | None, typer.Option(help="Draw the elevation of this facade, such as south or SE. Repeatable.")
+        list[str] | None,
+        typer.Option(help="Draw the elevation of this facade, such as SE or south-east. Repeatable."),
     ] = None,
     photo: Annotated[
         list[str] | None, typer.Option(help="Draw this photograph with model edges, boxes and points. Repeatable.")

@@ -181,7 +181,13 @@ _ALL = [
     text("material_layers", "layers, outermost first, as JSON: material and thickness_m"),
     text("properties", "values of the element's and its type's property sets, as JSON"),
     text("storey_source", "source of the storey: 'containment', 'host' or 'elevation'"),
-    real("facade_azimuth_deg", "deg", "outward direction of the element's facade, clockwise from north", 0, 360),
+    real(
+        "facade_azimuth_deg",
+        "deg",
+        "outward direction of the facade, clockwise from north; empty for 'level', 'inside' and 'around'",
+        0,
+        360,
+    ),
     text("detail_level", "geometric detail of the element's body: 'box', 'body' or 'detailed'"),
     flag("is_external", "IsExternal of the element"),
     text(

@@ -12,7 +12,7 @@ import pyarrow as pa
 from schemas.column_type import Column, Kind
 from schemas.columns import COLUMNS
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 RUN_KEYS = ("building_id", "campaign_id", "run_id")
 
 
@@ -170,7 +170,7 @@ _LIST = [
         "sigma_up_m? covariance_site? position_method? deviation_from_model_m? deviation_sigma_m? "
         "width_m height_m length_m? area_m2 crack_width_mm? crack_width_max_mm? crack_width_sigma_mm? "
         "crack_width_limit_mm? crack_length_m? crack_width_outcome? spread_m photo_count score best_photo_id "
-        "element_guid ifc_class element_name? material? storey? facade patch? geometry",
+        "element_guid ifc_class element_name? material? storey? facade patch? geometry facade_azimuth_deg?",
         may_be_empty=True,
     ),
     _table(

@@ -1,7 +1,7 @@
 """Frames and the transforms between them.
 
 The frames, a closed list: ``img`` (pixels), ``cam`` (x right, y down, z forward), ``sfm`` (no scale), ``site``
-(local east-north-up metres at the building's origin), ``ifc`` (the model's own), ``ecef`` (EPSG:4978), ``geo``
+(local east-north-up metres at the building's origin), ``facade`` (see ``core.facade_frame``), ``ifc`` (the model's own), ``ecef`` (EPSG:4978), ``geo``
 (EPSG:4979: lon, lat, ellipsoidal height), ``map`` (the projected CRS of the model).
 
 A transform is named ``target_from_source``; chains are checked by reading: ``site_from_cam = site_from_sfm @

@@ -10,8 +10,9 @@ import pyarrow.compute as pc
 import shapely
 
 from facadelake.building import BuildingModel
-from facadelake.building.facades import COMPASS
+from facadelake.building.facades import collect_facades
 from facadelake.core.arrays import BoolArray, Float64Array, Float64N, Float64Nx3, RowIndices
+from facadelake.core.facade_frame import COMPASS, compute_facade_axes
 from facadelake.core.tables import check_table, get_stage_schema
 from facadelake.deduplication.crack_width import estimate_crack_widths
 from facadelake.deduplication.group_statistics import compute_maxima, compute_weighted_medians, find_most_common
@@ -67,6 +68,8 @@ def build_defects_table(
         code, text_values = encode_column(registered_rows, name)
         chosen = find_most_common(group[on_element], code[on_element], quality[on_element], groups)
         texts[name] = pa.array(text_values, pa.string()).take(pa.array(chosen))
+    facades = collect_facades(building.elements)
+    azimuth_deg = [facades.get_azimuth_deg(name) for name in texts["facade"].to_pylist()]
     classes = find_most_common(group, observations.defect_class, quality, groups)
     sizes = {
         name: compute_weighted_medians(group, read_column(registered_rows, name), weight, groups)
@@ -105,6 +108,7 @@ def build_defects_table(
         "patch": registered_rows.column("patch").combine_chunks().take(pa.array(best)),
         "element_guid": pa.array(guids, pa.string()).take(pa.array(group_element)),
         **texts,
+        "facade_azimuth_deg": pa.array(azimuth_deg, pa.float64()),
         **_read_element_columns(building, [guids[i] for i in range(len(guids))], group_element),
         **_build_coordinate_columns(positions.xyz_site_m, building),
     }
@@ -198,9 +202,9 @@ def _sort_defects(
     rank = np.array([ranks[facade] for facade in facades], dtype=np.int64)[indices]
     storey, names = encode_column(pa.table({"storey": storey_text}), "storey")
     storey_height = compute_weighted_medians(storey, xyz_site_m[:, 2], np.ones(len(storey)), len(names))
-    # Seen from outside, west is to the right on a wall that faces north.
-    angle = np.radians([_rank_facade(facade)[1] for facade in facades])[indices]
-    along = -np.cos(angle) * xyz_site_m[:, 0] + np.sin(angle) * xyz_site_m[:, 1]
+    azimuth_deg = pa.array(values["facade_azimuth_deg"]).fill_null(0.0).to_numpy(zero_copy_only=False)
+    right = np.array([compute_facade_axes(azimuth)[0] for azimuth in azimuth_deg])
+    along = np.einsum("gi,gi->g", right, xyz_site_m)
     height = -np.round(xyz_site_m[:, 2], 3)
     order: RowIndices = np.lexsort((photo, classes, height, np.round(along, 3), storey, -storey_height[storey], rank))
     return order

@@ -1,12 +1,13 @@
 """Tables as GeoPackage layers: points and patches in 2D and 3D, and one layer per facade in the facade's plane.
 
-In plan view a facade is a line; therefore each facade has a layer in its own plane: u in metres to the right as seen
-from outside, v in metres up, both from the site's origin. A defect is drawn as its patch, or as a box of its extents.
+In plan view a facade is a line; therefore each facade has a layer in its own plane, in frame ``facade``: u in metres to
+the right as seen from outside, v in metres up, both from the site's origin. A defect is drawn as its patch, or as a box
+of its extents, true to size about its position: where the wall turns away from the facade's plane, as at a round
+corner, the outline is not foreshortened.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,13 +18,13 @@ import pyarrow.compute as pc
 import pyogrio
 import shapely
 
-from facadelake.core.arrays import Float64Array, Float64Nx2, Float64Nx3
+from facadelake.core.arrays import Float64Array, Float64Nx3, Int64Array
+from facadelake.core.facade_frame import axes_from_normal, facade_from_site
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.publish.columns import FIRST, GEOMETRY, PATCH, decode_geometries, flatten_table
 from facadelake.publish.geoparquet import CRS_2D, CRS_3D
 from schemas.tables import RUN_KEYS
 
-_COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 LEVEL = "level"  # roofs, floors and soffits: plan view, u east and v north
 
 
@@ -45,20 +46,6 @@ def create_plane_crs(facade: str) -> str:
         f'ENGCRS["facade {facade}: u {u}, v {v}",EDATUM["site origin"],CS[Cartesian,2],'
         'AXIS["u",unspecified],AXIS["v",unspecified],LENGTHUNIT["metre",1]]'
     )
-
-
-def right_from_facade(facade: str) -> tuple[float, float]:
-    """East and north components of the unit vector along a facade, to the right as seen from outside."""
-    if facade == LEVEL:
-        return 1.0, 0.0
-    bearing = math.radians(_parse_bearing_deg(facade))
-    return -math.cos(bearing), math.sin(bearing)
-
-
-def _parse_bearing_deg(facade: str) -> float:
-    """Azimuth of the outward normal, clockwise from north, from a facade's name: "E", or "E-075" with its degrees."""
-    point, _, degrees = facade.partition("-")
-    return float(degrees) if degrees else 45.0 * _COMPASS.index(point)
 
 
 def create_map_layers(table: pa.Table, name: str) -> Iterator[GisLayer]:
@@ -95,13 +82,16 @@ def _create_2d_and_3d(rows: pa.Table, name: str, column: str) -> Iterator[GisLay
 
 
 def create_facade_layers(defects: pa.Table) -> Iterator[GisLayer]:
-    """One layer per facade of one building: each defect's patch, else a box, in the facade's plane (u, v in metres)."""
+    """One layer per facade of one building: each defect's outline in the facade's plane (u, v in metres)."""
     # Interior surfaces (facade "inside") have no exterior view.
-    facades = set(defects.column("facade").to_pylist())
-    for facade in sorted(name for name in facades if name == LEVEL or name.partition("-")[0] in _COMPASS):
+    directions = dict(
+        zip(*(defects.column(name).to_pylist() for name in ("facade", "facade_azimuth_deg")), strict=True)
+    )
+    for facade, azimuth_deg in sorted(directions.items(), key=lambda item: item[0]):
+        if azimuth_deg is None and facade != LEVEL:
+            continue
         rows = defects.filter(pc.equal(defects.column("facade"), facade))
-        patches = _project_patches(rows, facade)
-        polygons = np.where(shapely.is_missing(patches), _create_boxes(rows, facade), patches)
+        polygons = _create_outlines(rows, azimuth_deg)
         yield GisLayer(
             name=f"facade_{facade}",
             rows=rows,
@@ -111,41 +101,46 @@ def create_facade_layers(defects: pa.Table) -> Iterator[GisLayer]:
         )
 
 
-def _plane_from_site(xyz_site_m: Float64Nx3, facade: str) -> Float64Nx2:
-    """Coordinates (n, 2) u and v, in metres, in a facade's plane, of points (n, 3) of site."""
-    if facade == LEVEL:
-        return xyz_site_m[:, :2]
-    return np.column_stack([xyz_site_m[:, :2] @ right_from_facade(facade), xyz_site_m[:, 2]])
-
-
 def _collect_columns(rows: pa.Table, *names: str) -> Float64Array:
     return np.column_stack([rows.column(name).to_numpy() for name in names])
 
 
-def _create_boxes(rows: pa.Table, facade: str) -> np.ndarray:
-    u, v = _plane_from_site(_collect_columns(rows, "x_site_m", "y_site_m", "z_site_m"), facade).T
-    width, height = _collect_columns(rows, "width_m", "height_m").T
-    boxes: np.ndarray = shapely.box(u - width / 2, v - height / 2, u + width / 2, v + height / 2)
-    return boxes
+def _create_outlines(rows: pa.Table, azimuth_deg: float | None) -> np.ndarray:
+    """Outlines in a facade's plane; ``azimuth_deg`` None: in plan view, u east and v north.
 
-
-def _project_patches(rows: pa.Table, facade: str) -> np.ndarray:
-    """The patches in the facade's plane, None where a row has none.
-
-    Each patch is placed relative to its own defect's position. The east-north-up axes of the first defect are used
-    for all: across a building the axes differ by 1e-5 rad, which is 0.05 mm over a patch of 5 m.
+    A vertex is placed relative to its own defect's position, by its offsets to the right and up on the surface.
     """
+    xyz_site_m = _collect_columns(rows, "x_site_m", "y_site_m", "z_site_m")
+    uv = (xyz_site_m if azimuth_deg is None else facade_from_site(xyz_site_m, azimuth_deg))[:, :2]
+    half_width, half_height = _collect_columns(rows, "width_m", "height_m").T / 2
+    boxes: np.ndarray = shapely.box(
+        uv[:, 0] - half_width, uv[:, 1] - half_height, uv[:, 0] + half_width, uv[:, 1] + half_height
+    )
     if PATCH not in rows.column_names:
-        return np.full(len(rows), None, dtype=object)
+        return boxes
     patches = decode_geometries(rows, PATCH)
+    vertices_geo, row = shapely.get_coordinates(patches, include_z=True, return_index=True)
+    normals = _collect_columns(rows, "normal_x", "normal_y", "normal_z")
+    # "Up" on a floor or a roof is not up; in plan view all offsets are east and north.
+    axes = np.array([np.eye(3) if azimuth_deg is None else axes_from_normal(normal) for normal in normals])
+    offset_m = _measure_offsets(rows, vertices_geo, row)
+    flat = np.einsum("nij,nj->ni", axes[row], offset_m)[:, :2] + uv[row]
+    projected = shapely.set_coordinates(shapely.force_2d(patches), flat)
+    outlines: np.ndarray = np.where(shapely.is_missing(patches), boxes, projected)
+    return outlines
+
+
+def _measure_offsets(rows: pa.Table, vertices_geo: Float64Nx3, row: Int64Array) -> Float64Nx3:
+    """Vertices (n, 3) of the patches of ``row`` (n,) from their defects' positions: east, north and up in metres.
+
+    The axes of the first defect are used for all: across a building the axes differ by 1e-5 rad, which is 0.05 mm over
+    a patch of 5 m.
+    """
     position_geo = _collect_columns(rows, "lon_deg", "lat_deg", "height_ellipsoidal_m")
     lon_deg, lat_deg, height_m = position_geo[0]
     local = SiteOrigin(lon_deg=lon_deg, lat_deg=lat_deg, height_ellipsoidal_m=height_m)
-    vertices_geo, row = shapely.get_coordinates(patches, include_z=True, return_index=True)
-    offset_m = local.site_from_geo(vertices_geo) - local.site_from_geo(position_geo)[row]
-    xyz_site_m = offset_m + _collect_columns(rows, "x_site_m", "y_site_m", "z_site_m")[row]
-    projected: np.ndarray = shapely.set_coordinates(shapely.force_2d(patches), _plane_from_site(xyz_site_m, facade))
-    return projected
+    offsets: Float64Nx3 = local.site_from_geo(vertices_geo) - local.site_from_geo(position_geo)[row]
+    return offsets
 
 
 def write_layers(layers: Iterator[GisLayer], path: Path) -> None:

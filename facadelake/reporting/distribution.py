@@ -14,9 +14,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from facadelake.building.facades import collect_facades
 from facadelake.reporting.drawing.palette import escape_mathtext, get_class_colour, get_class_hatch
 from facadelake.reporting.elevations.storeys import find_storey_bases
-from facadelake.reporting.elevations.wall_directions import COMPASS_DEG, read_element_azimuths
 from facadelake.reporting.inspection import Inspection
 
 _DPI = 150
@@ -60,18 +60,10 @@ def compute_distribution(inspection: Inspection) -> Distribution:
 
 
 def _sort_clockwise(names: set[str], inspection: Inspection) -> list[str]:
-    """Facades by the area-weighted mean azimuth of their elements, else by the compass direction in their name."""
-    vectors: dict[str, complex] = {}
-    elements = inspection.building.elements
-    areas = elements.column("surface_area_m2").to_pylist()
-    for name, azimuth_deg, area in zip(
-        elements.column("facade").to_pylist(), read_element_azimuths(inspection.building), areas, strict=True
-    ):
-        if azimuth_deg is not None:
-            vectors[name] = vectors.get(name, 0j) + area * complex(np.exp(1j * np.radians(azimuth_deg)))
-    azimuth = dict(COMPASS_DEG)
-    azimuth |= {name: float(np.degrees(np.angle(vector))) % 360.0 for name, vector in vectors.items()}
-    return sorted(names, key=lambda name: (round(azimuth.get(name, _NO_AZIMUTH_DEG), 3), name))
+    """Facades by their outward azimuth; those without one, such as "level", last."""
+    facades = collect_facades(inspection.building.elements)
+    azimuth_deg = {name: facades.get_azimuth_deg(name) for name in names}
+    return sorted(names, key=lambda name: (_NO_AZIMUTH_DEG if (turn := azimuth_deg[name]) is None else turn, name))
 
 
 def write_distribution(distribution: Distribution, path: Path) -> Path:

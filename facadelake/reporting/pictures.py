@@ -28,6 +28,7 @@ from facadelake.reporting.elevations.elevation import (
     map_defects_to_elevations,
     map_defects_to_model,
 )
+from facadelake.reporting.elevations.facades import DIRECTIONS
 from facadelake.reporting.inspection import Inspection, PictureSettings
 from facadelake.reporting.overlays import draw_overlays, select_overlay_photographs
 from facadelake.reporting.page.defects import sort_by_severity
@@ -66,7 +67,7 @@ def select_by_name(
         inspection: the campaign.
         surface: surface of its building model.
         defects: defect_ids, their last parts or their labels on elevations, such as "D0012" or "12".
-        facades: names or compass points of facades, such as "south" or "SE".
+        facades: facades as in column ``facade``, or their directions in words: "SE" or "south-east".
         photos: photo_ids or file names with or without suffix, such as "IMG_0009".
         settings: settings of the pictures, which determine the facades that are drawn.
 
@@ -161,9 +162,8 @@ def _invert_unique(short_names: Mapping[str, str]) -> dict[str, str]:
 
 
 def _index_facade_names(names: Sequence[str]) -> dict[str, str]:
-    """Facades by compass point ("SE" for "South-east") and by name with underscores."""
-    letters = {name: "".join(part[0] for part in name.partition(" ")[0].split("-")).upper() for name in names}
-    return _invert_unique(letters) | {name.replace(" ", "_"): name for name in names}
+    """Facades by the words of their direction: "south-east" for "SE"."""
+    return _invert_unique({name: DIRECTIONS[name.partition("-")[0].partition("_")[0]] for name in names})
 
 
 def _match_photograph(name: str, photo_names: PhotoNames, photo_ids: Sequence[str]) -> str:

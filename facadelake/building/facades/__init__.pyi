@@ -1,4 +1,4 @@
+from .directions import Facades as Facades
 from .directions import azimuth_from_direction as azimuth_from_direction
 from .directions import collect_facades as collect_facades
 from .directions import measure_turn_deg as measure_turn_deg
-from .openness import COMPASS as COMPASS

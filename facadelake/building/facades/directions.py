@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import pyarrow as pa
 
-from facadelake.building.facades.openness import COMPASS, INSIDE, LEVEL, compass_from_direction, find_open_sides
+from facadelake.building.facades.openness import INSIDE, LEVEL, compass_from_direction, find_open_sides
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import Float64Array, Float64N, Float64x3, RowIndices
+from facadelake.core.facade_frame import COMPASS
 
 _BIN_DEG = 0.5
 _MEAN_HALF_WIDTH_DEG = 10.0  # a facade's direction is the mean of walls within this
@@ -26,6 +27,12 @@ class Facades:
 
     names: tuple[str, ...]
     azimuths_deg: tuple[float, ...]
+
+    def get_azimuth_deg(self, name: str) -> float | None:
+        """Outward azimuth of a facade in degrees; of a compass point where no element has it; None for "level"."""
+        if name in self.names:
+            return self.azimuths_deg[self.names.index(name)]
+        return _SECTOR_DEG * COMPASS.index(name) if name in COMPASS else None
 
     def find_facade(self, normal_site: Float64x3) -> str:
         """Find the facade that faces along ``normal_site`` (3,); "level" if that is closer to the vertical.

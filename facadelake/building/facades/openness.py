@@ -8,8 +8,8 @@ import numpy as np
 
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import Float64Array, Float64N, Float64Nx3, Float64x3, RowIndices
+from facadelake.core.facade_frame import COMPASS
 
-COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 LEVEL = "level"  # open mainly upward or downward: roofs, slabs, soffits
 INSIDE = "inside"  # not open
 AROUND = "around"  # open to several sides (curved walls, returns, columns): the normal at a point decides

@@ -6,12 +6,15 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 
+from facadelake.core.facade_frame import facade_from_site
 from facadelake.core.geodesy import SITE_AXES
 from facadelake.reporting.inspection import Inspection
 from schemas.vocabulary import CrackWidthOutcome, MergeDecision, PositionMethod
 
+_SITE = ("x_site_m", "y_site_m", "z_site_m")
 CardFact = tuple[str, str]
 Row = Mapping[str, Any]
 
@@ -78,7 +81,7 @@ def _format_element(row: Row) -> str:
 
 
 def _list_position_facts(row: Row, inspection: Inspection) -> list[CardFact]:
-    site = ", ".join(f"{row[axis]:.3f}" for axis in ("x_site_m", "y_site_m", "z_site_m"))
+    site = ", ".join(f"{row[axis]:.3f}" for axis in _SITE)
     sigmas = [row[f"sigma_{axis}_m"] for axis in SITE_AXES]
     building = inspection.building
     facts = [
@@ -86,6 +89,9 @@ def _list_position_facts(row: Row, inspection: Inspection) -> list[CardFact]:
         ("EPSG:4979", f"{row['lon_deg']:.8f}, {row['lat_deg']:.8f}, {row['height_ellipsoidal_m']:.3f} m"),
         (building.map_crs, f"{row['east_map_m']:.3f}, {row['north_map_m']:.3f}, {row['height_map_m']:.3f} m"),
     ]
+    if row["facade_azimuth_deg"] is not None:
+        u_m, v_m, _ = facade_from_site(np.array([row[axis] for axis in _SITE])[None], row["facade_azimuth_deg"])[0]
+        facts.append(("facade u, v (m)", f"{u_m:.3f}, {v_m:.3f}"))
     if None not in sigmas:
         facts.append(("std. deviation", f"{', '.join(f'{1000 * sigma:.1f}' for sigma in sigmas)} mm (east, north, up)"))
     if row["position_method"] is not None:

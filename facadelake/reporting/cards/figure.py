@@ -189,8 +189,7 @@ def _draw_location(figure: Figure, contents: CardContents, top: float, height: f
     left, bottom = _EDGE_IN + 0.45, top - 0.22 - size[1]
     axes = figure.add_axes((left / _WIDTH_IN, bottom / height, size[0] / _WIDTH_IN, size[1] / height))
     draw_defect_location(axes, overview, contents.storeys, contents.mark)
-    base = contents.storeys[0].name if contents.storeys else "the lowest point"
-    title = f"{overview.facade.title} as seen from outside: distance along the facade and height above {base} (m)"
+    title = f"{overview.facade.title} as seen from outside; u to the right, v up, from the site's origin (m)"
     figure.text(_EDGE_IN / _WIDTH_IN, top / height, escape_mathtext(title), fontsize=8, va="top", color="#303030")
 
 

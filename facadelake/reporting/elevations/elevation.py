@@ -12,7 +12,7 @@ import numpy as np
 
 from facadelake.building import BuildingModel
 from facadelake.building.surface import Surface
-from facadelake.core.arrays import UInt8Image
+from facadelake.core.arrays import Float64x3, UInt8Image
 from facadelake.core.errors import InputDataError
 from facadelake.reporting.elevations.facades import Facade, find_facades
 from facadelake.reporting.elevations.figure import DPI, ElevationLabels, draw_elevation
@@ -71,7 +71,7 @@ def draw_elevations(
     building = inspection.building
     marks = create_marks(inspection.defects, building.origin)
     facades = find_drawn_facades(inspection, surface, settings)
-    assigned, unassigned = assign_marks(facades, marks, building)
+    assigned, unassigned = assign_marks(facades, marks)
     if unassigned:
         log.info("%d of %d defects are not on a drawn facade", len(unassigned), len(marks))
     if names is not None:
@@ -90,7 +90,7 @@ def draw_elevations(
         rectify_elevations(reliefs, surface, inspection.posed, photographs, settings), assigned, strict=True
     ):
         facade = rectified.relief.facade
-        path = folder / f"elevation_{facade.name.lower().replace(' ', '_')}.png"
+        path = folder / f"elevation_{facade.name}.png"
         background = render_background(rectified, building)
         met = rectified.relief.element >= 0
         covered = float((rectified.covered & met).sum() / max(int(met.sum()), 1))
@@ -114,8 +114,11 @@ def draw_elevations(
 
 def find_drawn_facades(inspection: Inspection, surface: Surface, settings: PictureSettings) -> list[Facade]:
     """The facades of which elevations are drawn, clockwise from north: the main ones and those with a defect."""
-    guids = frozenset(inspection.defects.column("element_guid").to_pylist())
-    return find_facades(inspection.building, surface, inspection.posed, guids, settings)
+    positions: dict[str, list[Float64x3]] = {}
+    for mark in create_marks(inspection.defects, inspection.building.origin):
+        positions.setdefault(mark.facade, []).append(mark.centre_site_m)
+    arrays = {code: np.array(points) for code, points in positions.items()}
+    return find_facades(inspection.building, surface, inspection.posed, arrays, settings)
 
 
 def _write_thumbnail(source: Path, path: Path) -> None:
@@ -164,7 +167,7 @@ def map_defects_to_model(
     """
     building = inspection.building
     marks = [mark for mark in create_marks(inspection.defects, building.origin) if mark.defect_id in defect_ids]
-    assigned, _ = assign_marks(facades, marks, building)
+    assigned, _ = assign_marks(facades, marks)
     overviews: dict[str, FacadeOverview] = {}
     for facade, own in zip(facades, assigned, strict=True):
         if own:

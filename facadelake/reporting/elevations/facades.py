@@ -1,41 +1,40 @@
-"""Facades to be drawn as elevations: elements that face one direction, split by depth."""
+"""Facades to be drawn as elevations: those of column ``facade`` of the tables, split by depth."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from facadelake.building import BuildingModel
-from facadelake.building.facades import azimuth_from_direction, measure_turn_deg
+from facadelake.building.facades import collect_facades
 from facadelake.building.surface import Surface
-from facadelake.core.arrays import Float64N, Float64Nx3, Float64x3x3, RowIndices
+from facadelake.core.arrays import Float64Nx3, Float64x3, Float64x3x3, RowIndices
 from facadelake.core.camera import PosedCamera
-from facadelake.reporting.elevations.wall_directions import (
-    ModelTriangles,
-    collect_triangles,
-    estimate_element_azimuths,
-)
+from facadelake.core.facade_frame import COMPASS, compute_facade_axes, facade_from_site
+from facadelake.reporting.elevations.wall_directions import ModelTriangles, collect_triangles, find_facade_triangles
 from facadelake.reporting.inspection import PictureSettings
 
-_COMPASS = ("North", "North-east", "East", "South-east", "South", "South-west", "West", "North-west")
-_WINDOW_DEG = 25.0  # elements within this angle of a direction belong to its facade
+_WORDS = ("North", "North-east", "East", "South-east", "South", "South-west", "West", "North-west")
+DIRECTIONS = dict(zip(COMPASS, _WORDS, strict=True))
 _FULL_HEIGHT_SHARE = 0.6  # facades of at least this share of the total height get a common vertical extent
+_DEPTH_TOLERANCE_M = 1.5  # a defect farther behind the rearmost wall of a view is not in it
 _MIN_VISIBLE_SHARE = 0.3  # of an element's area, for the element to belong to the front layer
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Facade:
-    """The vertical picture plane of an elevation: ``u`` to the viewer's right, ``v`` up, ``w`` towards the viewer.
+    """The picture plane of an elevation in frame ``facade``: ``u`` to the viewer's right, ``v`` up, ``w`` outward.
 
-    All coordinates are in metres from ``site``'s origin. ``elements`` are rows of table ``elements``; ``near_w_m`` is
+    ``code``: name in column ``facade`` of the tables, such as "SE" or "E-075". ``part``: number of the view where the
+    facade has several, one behind another; else 0. Coordinates are in metres from the site's origin. ``near_w_m`` is
     the plane where the view begins, ``far_w_m`` the rearmost point of its walls.
     """
 
-    name: str
+    code: str
+    part: int
     azimuth_deg: float
-    elements: RowIndices
     area_m2: float
     u_min_m: float
     u_max_m: float
@@ -45,64 +44,45 @@ class Facade:
     far_w_m: float
 
     @property
+    def name(self) -> str:
+        """The code, with the number of the view where there are several: "SE" or "SE_2"."""
+        return f"{self.code}_{self.part}" if self.part else self.code
+
+    @property
     def title(self) -> str:
-        """The name in titles: "South-east facade", or "East facade 2" where two facades face one direction."""
-        direction, _, number = self.name.partition(" ")
-        return f"{direction} facade {number}".rstrip()
+        """The name in titles: "South-east facade (SE)", or "North facade (N), view 2"."""
+        title = f"{DIRECTIONS[self.code.partition('-')[0]]} facade ({self.code})"
+        return f"{title}, view {self.part}" if self.part else title
 
     @property
     def axes_site(self) -> Float64x3x3:
         """Unit vectors u, v, w in site as rows; right-handed, so that the elevation is not mirrored."""
-        azimuth = np.radians(self.azimuth_deg)
-        outward = np.array([np.sin(azimuth), np.cos(azimuth), 0.0])
-        up = np.array([0.0, 0.0, 1.0])
-        return np.array([np.cross(up, outward), up, outward])
+        return compute_facade_axes(self.azimuth_deg)
 
     def uvw_from_site(self, xyz_site_m: Float64Nx3) -> Float64Nx3:
         """Coordinates u, v, w of points of site, metres."""
-        return np.asarray(xyz_site_m, dtype=np.float64) @ self.axes_site.T
-
-
-def _cluster_azimuths(azimuth: Float64N, area: Float64N) -> list[tuple[float, RowIndices]]:
-    """Clusters of elements that face one direction: (azimuth in degrees, rows), the direction with most area first."""
-    unassigned = np.isfinite(azimuth) & (area > 0)
-    clusters: list[tuple[float, RowIndices]] = []
-    while unassigned.any():
-        rows = np.flatnonzero(unassigned)
-        near = measure_turn_deg(azimuth[rows][:, None], azimuth[rows][None, :]) <= _WINDOW_DEG / 2
-        centre_deg = float(azimuth[rows][np.argmax(near @ area[rows])])
-        core = rows[measure_turn_deg(azimuth[rows], centre_deg) <= _WINDOW_DEG / 2]
-        vectors = np.column_stack([np.sin(np.radians(azimuth[core])), np.cos(np.radians(azimuth[core]))])
-        centre_deg = azimuth_from_direction((vectors * area[core, None]).sum(axis=0))
-        members = rows[measure_turn_deg(azimuth[rows], centre_deg) <= _WINDOW_DEG]
-        clusters.append((centre_deg, members))
-        unassigned[members] = False
-    return clusters
+        return facade_from_site(xyz_site_m, self.azimuth_deg)
 
 
 def _split_by_depth(
-    azimuth_deg: float, members: RowIndices, walls: ModelTriangles, surface: Surface, settings: PictureSettings
+    outward: Float64x3, members: RowIndices, walls: ModelTriangles, surface: Surface, settings: PictureSettings
 ) -> list[RowIndices]:
-    """Split elements that face one direction into layers where some hide others, as in a courtyard; front first."""
-    outward = np.array([np.sin(np.radians(azimuth_deg)), np.cos(np.radians(azimuth_deg)), 0.0])
+    """Split triangles that face one direction into layers where some hide others, as in a courtyard; front first."""
     depth = walls.centre @ outward
-    facing = (walls.normal @ outward > 0.5) & (walls.area > 0)
     layers: list[RowIndices] = []
     remaining = members
     while len(remaining):
-        rows = np.flatnonzero(facing & np.isin(walls.element, remaining))
-        start = depth[rows].max() + settings.clip_m
-        origins = walls.centre[rows] + (start - depth[rows])[:, None] * outward
+        start = depth[remaining].max() + settings.clip_m
+        origins = walls.centre[remaining] + (start - depth[remaining])[:, None] * outward
         hits = surface.cast(origins, np.broadcast_to(-outward, origins.shape).copy())
-        is_visible = np.abs(hits.distance_m - (start - depth[rows])) <= settings.visibility_tolerance_m
-        count = remaining.max() + 1
-        area = np.bincount(walls.element[rows], walls.area[rows], minlength=count)[remaining]
-        visible_area = np.bincount(walls.element[rows], walls.area[rows] * is_visible, minlength=count)[remaining]
-        front = visible_area >= _MIN_VISIBLE_SHARE * np.maximum(area, 1e-9)
-        if not front.any():
-            front = np.ones(len(remaining), dtype=bool)
-        layers.append(remaining[front])
-        remaining = remaining[~front]
+        is_visible = np.abs(hits.distance_m - (start - depth[remaining])) <= settings.visibility_tolerance_m
+        owner, area = walls.element[remaining], walls.area[remaining]
+        total, shown = np.bincount(owner, area), np.bincount(owner, area * is_visible)
+        is_front = (shown >= _MIN_VISIBLE_SHARE * np.maximum(total, 1e-9))[owner]
+        if not is_front.any():
+            is_front[:] = True
+        layers.append(remaining[is_front])
+        remaining = remaining[~is_front]
     return layers
 
 
@@ -110,7 +90,7 @@ def find_facades(
     building: BuildingModel,
     surface: Surface,
     posed: Mapping[str, PosedCamera],
-    defect_guids: frozenset[str],
+    positions_site_m: Mapping[str, Float64Nx3],
     settings: PictureSettings,
 ) -> list[Facade]:
     """Facades to be drawn, clockwise from north: the main ones, and smaller ones that carry a defect.
@@ -119,45 +99,72 @@ def find_facades(
         building: building model.
         surface: its surface, for ray casting.
         posed: cameras with poses, by photo_id; they show which side of a wall is outside.
-        defect_guids: GlobalIds of elements with a defect.
+        positions_site_m: positions of defects by column ``facade`` of table ``defects``.
         settings: smallest share of a facade, distance of the view plane, tolerance of visibility.
 
     Returns:
-        The facades, named by compass direction.
+        The facades, named as in column ``facade``.
     """
     walls = collect_triangles(building, surface)
-    azimuth, area = estimate_element_azimuths(building, walls, surface, posed, settings.visibility_tolerance_m)
-    guids = np.array(building.elements.column("element_guid").to_pylist(), dtype=object)
+    directions = collect_facades(building.elements)
+    triangles = find_facade_triangles(building, walls, surface, posed, settings.visibility_tolerance_m)
+    total_m2 = sum(walls.area[rows].sum() for rows in triangles.values())
     facades: list[Facade] = []
-    for azimuth_deg, members in _cluster_azimuths(azimuth, area):
-        for elements in _split_by_depth(azimuth_deg, members, walls, surface, settings):
-            has_defect = defect_guids.intersection(guids[elements])
-            facade_area = area[elements].sum()
-            if facade_area < settings.min_facade_share * area.sum() and not has_defect:
-                continue
-            facades.append(_create_facade(azimuth_deg, elements, float(facade_area), walls, building, settings))
-    facades.sort(key=lambda f: (f.azimuth_deg, -f.near_w_m))
-    return _name_facades(_align_heights(facades))
+    for code, members in triangles.items():
+        azimuth_deg = directions.get_azimuth_deg(code)
+        if azimuth_deg is None:
+            continue
+        layers = _split_by_depth(compute_facade_axes(azimuth_deg)[2], members, walls, surface, settings)
+        views = [_create_view(code, azimuth_deg, rows, walls, surface, settings) for rows in layers]
+        defects = positions_site_m.get(code, np.zeros((0, 3)))
+        with_defects = {choose_view(views, xyz) for xyz in defects}
+        kept = [
+            view
+            for index, view in enumerate(views)
+            if view.area_m2 >= settings.min_facade_share * total_m2 or index in with_defects
+        ]
+        facades += [replace(view, part=part) for part, view in enumerate(kept, start=1)] if len(kept) > 1 else kept
+    facades.sort(key=lambda f: (f.azimuth_deg, f.part))
+    return _align_heights(facades)
 
 
-def _create_facade(
+def choose_view(views: Sequence[Facade], xyz_site_m: Float64x3) -> int | None:
+    """Index of the view of one facade in which a point of site is; None where it is in none.
+
+    Of views one behind another, it is the foremost one whose rearmost wall is not before the point.
+    """
+    found: list[tuple[float, int]] = []
+    for index, view in enumerate(views):
+        u, v, w = view.uvw_from_site(xyz_site_m[None])[0]
+        inside = view.u_min_m <= u <= view.u_max_m and view.v_min_m <= v <= view.v_max_m
+        if inside and view.far_w_m - _DEPTH_TOLERANCE_M <= w <= view.near_w_m:
+            found.append((max(view.far_w_m - float(w), 0.0), index))
+    return min(found)[1] if found else None
+
+
+def _create_view(
+    code: str,
     azimuth_deg: float,
-    elements: RowIndices,
-    area_m2: float,
+    triangles: RowIndices,
     walls: ModelTriangles,
-    building: BuildingModel,
+    surface: Surface,
     settings: PictureSettings,
 ) -> Facade:
-    """A facade whose extents contain the triangles of its elements, with a margin; its name is given later."""
-    own = np.isin(walls.element, elements)
-    draft = Facade(
-        name="", azimuth_deg=azimuth_deg, elements=elements, area_m2=area_m2,
-        u_min_m=0, u_max_m=1, v_min_m=0, v_max_m=1, near_w_m=0, far_w_m=0,
-    )  # fmt: skip
-    uvw = draft.uvw_from_site(building.vertices_site_m[np.unique(building.triangles[own])])
+    """A view of a facade, whose extents contain its triangles with a margin.
+
+    Args:
+        code: name of the facade in column ``facade``.
+        azimuth_deg: outward direction.
+        triangles: rows of ``walls``.
+        walls: triangles of the model.
+        surface: its surface.
+        settings: distance of the view plane.
+    """
+    corners = surface.vertices_site_m[np.unique(surface.triangles[triangles])]
+    uvw = facade_from_site(corners, azimuth_deg)
     low, high = uvw.min(axis=0), uvw.max(axis=0)
     return Facade(
-        name="", azimuth_deg=azimuth_deg, elements=elements, area_m2=area_m2,
+        code=code, part=0, azimuth_deg=azimuth_deg, area_m2=float(walls.area[triangles].sum()),
         u_min_m=float(low[0]) - 0.5, u_max_m=float(high[0]) + 0.5,
         v_min_m=float(low[1]) - 0.3, v_max_m=float(high[1]) + 0.3,
         near_w_m=float(high[2]) + settings.clip_m, far_w_m=float(low[2]),
@@ -173,20 +180,3 @@ def _align_heights(facades: list[Facade]) -> list[Facade]:
         replace(f, v_min_m=low, v_max_m=high) if f.v_max_m - f.v_min_m > _FULL_HEIGHT_SHARE * (high - low) else f
         for f in facades
     ]
-
-
-def _name_facades(facades: list[Facade]) -> list[Facade]:
-    """Name each facade by its compass direction, with a number where several face one direction."""
-    directions = [_name_direction(f.azimuth_deg) for f in facades]
-    named = []
-    for i, facade in enumerate(facades):
-        direction = directions[i]
-        number = directions[: i + 1].count(direction)
-        name = direction if directions.count(direction) == 1 else f"{direction} {number}"
-        named.append(replace(facade, name=name))
-    return named
-
-
-def _name_direction(azimuth_deg: float) -> str:
-    """The nearest of the eight compass directions."""
-    return _COMPASS[round(azimuth_deg / 45.0) % 8]

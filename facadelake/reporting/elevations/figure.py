@@ -72,39 +72,36 @@ def draw_elevation(
             height_in / total_in[1],
         )
     )
-    base_m = labels.storeys[0].z_site_m if labels.storeys else facade.v_min_m
-    width_m, low, high = (
-        columns * rectified.relief.cell_m,
-        facade.v_max_m - rows * rectified.relief.cell_m,
-        facade.v_max_m,
-    )
+    left_m, right_m = facade.u_min_m, facade.u_min_m + columns * rectified.relief.cell_m
+    low_m, high_m = facade.v_max_m - rows * rectified.relief.cell_m, facade.v_max_m
     if scale < 1:
         background = cv2.resize(
             background, (round(columns * scale), round(rows * scale)), interpolation=cv2.INTER_AREA
         ).astype(np.uint8)
-    axes.imshow(background, extent=(0.0, width_m, low - base_m, high - base_m), interpolation="nearest", aspect="auto")
-    axes.set_xlim(0.0, width_m)
-    axes.set_ylim(low - base_m, high - base_m)
+    axes.imshow(background, extent=(left_m, right_m, low_m, high_m), interpolation="nearest", aspect="auto")
+    axes.set_xlim(left_m, right_m)
+    axes.set_ylim(low_m, high_m)
     axes.tick_params(labelsize=8)
-    axes.set_xlabel("distance along the facade (m), from its left end as seen from outside", fontsize=8)
-    axes.set_ylabel(f"height above {labels.storeys[0].name if labels.storeys else 'the lowest point'} (m)", fontsize=8)
-    _draw_storey_lines(axes, labels, base_m, width_m)
-    _draw_defects(axes, facade, marks, others, base_m, px_per_m=scale / rectified.relief.cell_m)
-    _draw_deviations(figure, axes, facade, [*marks, *others], base_m, total_in, bars_in)
-    _draw_scale_bar(figure, axes, width_m, total_in, bars_in)
+    axes.set_xlabel("u (m): to the right as seen from outside, from the site's origin", fontsize=8)
+    axes.set_ylabel("v (m): up, from the site's origin", fontsize=8)
+    _draw_storey_lines(axes, labels)
+    _draw_defects(axes, facade, marks, others, px_per_m=scale / rectified.relief.cell_m)
+    _draw_deviations(figure, axes, facade, [*marks, *others], total_in, bars_in)
+    _draw_scale_bar(figure, axes, right_m - left_m, total_in, bars_in)
     _write_title(figure, labels, facade, marks, len(others), covered, rectified.relief.cell_m, total_in)
     return figure
 
 
-def _draw_storey_lines(axes: Axes, labels: ElevationLabels, base_m: float, width_m: float) -> None:
+def _draw_storey_lines(axes: Axes, labels: ElevationLabels) -> None:
     low, high = axes.get_ylim()
+    right = axes.get_xlim()[1]
     for storey in labels.storeys:
-        level = storey.z_site_m - base_m
+        level = storey.z_site_m
         if low <= level <= high:
             axes.axhline(level, color="white", linewidth=1.6, alpha=0.7)
             axes.axhline(level, color="#202020", linewidth=0.7, dashes=(8, 4))
             axes.annotate(
-                f"{storey.name}\n{level:+.2f} m", (width_m, level), xytext=(5, 0), textcoords="offset points",
+                f"{storey.name}\n{level:+.2f} m", (right, level), xytext=(5, 0), textcoords="offset points",
                 fontsize=7.5, va="bottom", annotation_clip=False,
             )  # fmt: skip
 
@@ -114,21 +111,19 @@ def _draw_defects(
     facade: Facade,
     marks: Sequence[DefectMark],
     others: Sequence[DefectMark],
-    base_m: float,
     px_per_m: float,
 ) -> None:
     """Draw outlines and labels: filled labels for the facade's own defects, hollow ones for other facades' defects."""
     all_marks = [*marks, *others]
     if not all_marks:
         return
-    origin = [facade.u_min_m, base_m]
     for mark in all_marks:
         dashes, colour = get_class_dashes(mark.defect_class), get_class_colour(mark.defect_class)
         for ring in mark.outlines_site_m:
-            uv = facade.uvw_from_site(ring)[:, :2] - origin
+            uv = facade.uvw_from_site(ring)[:, :2]
             axes.add_patch(Polygon(uv, closed=True, fill=False, edgecolor="white", linewidth=2.4))
             axes.add_patch(Polygon(uv, closed=True, fill=False, edgecolor=colour, linewidth=1.5, linestyle=dashes))
-    corners = [facade.uvw_from_site(mark.corners_site_m)[:, :2] - origin for mark in all_marks]
+    corners = [facade.uvw_from_site(mark.corners_site_m)[:, :2] for mark in all_marks]
     boxes = np.array([[*uv.min(axis=0), *uv.max(axis=0)] for uv in corners])
     # A 6.5 point label at 150 dpi with its frame: 18 px high, 9 px per character.
     sizes = np.array([[12 + 9.0 * len(mark.label), 18.0] for mark in all_marks])
@@ -149,14 +144,14 @@ def _draw_defects(
 
 
 def _draw_deviations(
-    figure: Figure, axes: Axes, facade: Facade, marks: Sequence[DefectMark], base_m: float,
+    figure: Figure, axes: Axes, facade: Facade, marks: Sequence[DefectMark],
     total_in: tuple[float, float], bars_in: float,
 ) -> None:  # fmt: skip
     """Draw a dot for each triangulated defect, coloured by its deviation from the model, with a colour bar."""
     measured = [(mark, mark.deviation_m) for mark in marks if mark.deviation_m is not None]
     if not measured:
         return
-    uv = facade.uvw_from_site(np.array([mark.centre_site_m for mark, _ in measured]))[:, :2] - [facade.u_min_m, base_m]
+    uv = facade.uvw_from_site(np.array([mark.centre_site_m for mark, _ in measured]))[:, :2]
     millimetres = np.array([1000.0 * deviation for _, deviation in measured])
     limit_mm = next((n for n in (10, 20, 50, 100, 200, 500) if n >= np.abs(millimetres).max()), 1000)
     dots = axes.scatter(

@@ -55,37 +55,29 @@ def draw_defect_location(axes: Axes, overview: FacadeOverview, storeys: Sequence
     """Draw a facade with a ring at the location of a defect.
 
     Args:
-        axes: axes to draw into; metres along the facade, and above the base of the lowest storey.
+        axes: axes to draw into; u and v of frame ``facade``, metres.
         overview: picture of the facade.
         storeys: storeys whose base levels are drawn as lines, from the lowest up.
         mark: the defect.
     """
     facade, colour = overview.facade, get_class_colour(mark.defect_class)
-    base_m = storeys[0].z_site_m if storeys else facade.v_min_m
-    top = facade.v_max_m - base_m
-    axes.imshow(
-        overview.picture, extent=(0.0, overview.width_m, top - overview.height_m, top), interpolation="antialiased"
-    )
+    left, top = facade.u_min_m, facade.v_max_m
+    right, bottom = left + overview.width_m, top - overview.height_m
+    axes.imshow(overview.picture, extent=(left, right, bottom, top), interpolation="antialiased")
     for storey in storeys:
-        level = storey.z_site_m - base_m
-        if top - overview.height_m <= level <= top:
+        level = storey.z_site_m
+        if bottom <= level <= top:
             axes.axhline(level, color="white", linewidth=1.2, alpha=0.6)
             axes.axhline(level, color="#202020", linewidth=0.5, dashes=(8, 4))
-    u, v = locate_on_facade(facade, mark, base_m)
+    u, v, _ = facade.uvw_from_site(mark.centre_site_m[None])[0]
     for ring in mark.outlines_site_m:
-        uv = facade.uvw_from_site(ring)[:, :2] - [facade.u_min_m, base_m]
+        uv = facade.uvw_from_site(ring)[:, :2]
         axes.add_patch(Polygon(uv, closed=True, fill=False, edgecolor=colour, linewidth=1.0))
     for width, ink in ((4.5, "white"), (2.2, colour)):
         axes.plot(
             [u], [v], "o", markersize=19, markerfacecolor="none", markeredgecolor=ink, markeredgewidth=width, zorder=4
         )
-    axes.set_xlim(0.0, overview.width_m)
-    axes.set_ylim(top - overview.height_m, top)
+    axes.set_xlim(left, right)
+    axes.set_ylim(bottom, top)
     axes.set_aspect("equal", adjustable="box", anchor="NW")
     axes.tick_params(labelsize=7.5)
-
-
-def locate_on_facade(facade: Facade, mark: DefectMark, base_site_m: float) -> tuple[float, float]:
-    """Position of a defect on a facade: metres from the facade's left end, and above the level ``base_site_m``."""
-    u, v, _ = facade.uvw_from_site(mark.centre_site_m[None])[0]
-    return float(u - facade.u_min_m), float(v - base_site_m)

@@ -1,4 +1,4 @@
-"""Outward directions of a building's elements, from the model and from the photographs."""
+"""The walls of each facade: outward triangles of the model, by the rule of the tables and by the photographs."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from facadelake.building import BuildingModel
-from facadelake.building.facades import COMPASS, azimuth_from_direction, measure_turn_deg
+from facadelake.building.facades import azimuth_from_direction, collect_facades, measure_turn_deg
 from facadelake.building.surface import Surface
 from facadelake.core.arrays import Float64N, Float64Nx3, RowIndices
 from facadelake.core.camera import PosedCamera
+from facadelake.core.facade_frame import compute_facade_axes
 from facadelake.reporting.elevations.visibility import check_visibility
 
-COMPASS_DEG = {name: 45.0 * index for index, name in enumerate(COMPASS)}
 _MIN_NET_AREA_SHARE = 0.3  # length of the area-weighted mean normal below which the sides cancel
+_SIDE_DEG = 60.0  # triangles within this angle of a wall's outward direction are its outer side
 _MAX_TESTED_TRIANGLES = 20_000
 _MAX_TESTING_CAMERAS = 150
 
@@ -41,16 +42,6 @@ def collect_triangles(building: BuildingModel, surface: Surface) -> ModelTriangl
         centre=surface.vertices_site_m[surface.triangles].mean(axis=1),
         element=np.asarray(building.element_of_triangle, dtype=np.int64),
     )
-
-
-def read_element_azimuths(building: BuildingModel) -> list[float | None]:
-    """Outward azimuth of each element in degrees from table ``elements``: measured, else from the facade's name."""
-    names = building.elements.column("facade").to_pylist()
-    measured = building.elements.column("facade_azimuth_deg").to_pylist()
-    return [
-        COMPASS_DEG.get(name) if azimuth is None else float(azimuth)
-        for name, azimuth in zip(names, measured, strict=True)
-    ]
 
 
 def _measure_visible_area(
@@ -80,17 +71,18 @@ def _average_azimuth(normal: Float64Nx3, area: Float64N) -> float:
     return azimuth_from_direction(mean)
 
 
-def estimate_element_azimuths(
+def find_facade_triangles(
     building: BuildingModel,
     walls: ModelTriangles,
     surface: Surface,
     posed: Mapping[str, PosedCamera],
     tolerance_m: float,
-) -> tuple[Float64N, Float64N]:
-    """Outward azimuth of each element, and the area of its triangles that face this direction.
+) -> dict[str, RowIndices]:
+    """The outward triangles of each facade, by the rule that fills column ``facade`` of the tables.
 
-    The azimuth of table ``elements`` is kept unless the photographs show another side of the element: a wall has two
-    sides, and around a courtyard the model alone does not determine the outer one.
+    A facade of table ``elements`` is kept for an element unless the photographs show another side of it: a wall has two
+    sides, and around a courtyard the model alone does not determine the outer one. Of an element that faces several
+    facades, such as a round corner, each triangle that photographs show belongs to the facade that it faces.
 
     Args:
         building: building model.
@@ -100,34 +92,33 @@ def estimate_element_azimuths(
         tolerance_m: a surface up to this distance in front of a point does not hide it, metres.
 
     Returns:
-        Azimuths (elements,) in degrees clockwise from north, NaN where there is none, and areas (elements,) in square
-        metres.
+        Rows of ``walls`` by the facade's name in column ``facade``.
     """
     visible_area = _measure_visible_area(walls, surface, posed, tolerance_m)
-    count = len(building.elements)
-    azimuth, area = np.full(count, np.nan), np.zeros(count)
-    directions = read_element_azimuths(building)
+    facades = collect_facades(building.elements)
+    names = building.elements.column("facade").to_pylist()
     external = building.elements.column("is_external").to_pylist()
     order = np.argsort(walls.element, kind="stable")
-    starts = np.searchsorted(walls.element[order], np.arange(count + 1))
+    starts = np.searchsorted(walls.element[order], np.arange(len(names) + 1))
     side = np.degrees(np.arctan2(walls.normal[:, 0], walls.normal[:, 1])) % 360.0
-    for row in range(count):
+    found: dict[str, list[RowIndices]] = {}
+    for row, name in enumerate(names):
         own = order[starts[row] : starts[row + 1]]
         own = own[walls.area[own] > 0]
         if len(own) == 0 or (external[row] is False and not visible_area[own].any()):
             continue
-        stated_deg = directions[row]
         visible = visible_area[own]
-        if visible.any() and (
-            stated_deg is None or visible[measure_turn_deg(side[own], stated_deg) <= 60].sum() < 0.25 * visible.sum()
-        ):
-            outward_deg = _average_azimuth(walls.normal[own], visible)
-        elif stated_deg is None:
+        stated_deg = facades.get_azimuth_deg(name)
+        if stated_deg is None:
+            for triangle in own[visible > 0].tolist():
+                facade = facades.assign_facade(name, walls.normal[triangle])
+                found.setdefault(facade, []).append(np.array([triangle]))
             continue
-        else:
-            outward_deg = stated_deg
-        facing = own[measure_turn_deg(side[own], outward_deg) <= 60]
-        if len(facing):
-            azimuth[row] = azimuth_from_direction((walls.normal[facing] * walls.area[facing, None]).sum(axis=0))
-            area[row] = walls.area[facing].sum()
-    return azimuth, area
+        outward_deg = stated_deg
+        is_stated_side = measure_turn_deg(side[own], stated_deg) <= _SIDE_DEG
+        if visible.any() and visible[is_stated_side].sum() < 0.25 * visible.sum():
+            outward_deg = _average_azimuth(walls.normal[own], visible)
+        outward = compute_facade_axes(outward_deg)[2]
+        facade = facades.assign_facade(name, outward)
+        found.setdefault(facade, []).append(own[measure_turn_deg(side[own], outward_deg) <= _SIDE_DEG])
+    return {name: np.concatenate(parts) for name, parts in found.items() if sum(map(len, parts))}

@@ -137,7 +137,7 @@ def rows(defects: int = 3, sightings: int = 2, inputs: str = INPUTS, note: str =
              "position_method": "triangulated" if sightings > 1 else "surface",
              **({"deviation_from_model_m": 0.02 - 0.05 * d, "deviation_sigma_m": 0.008} if sightings > 1 else {}),
              "photo_count": sightings, "score": 0.9, "best_photo_id": photos[0], "ifc_class": "IfcWall",
-             "material": "brick", **place}
+             "material": "brick", "facade_azimuth_deg": 180.0, **place}
             for d in range(defects)
         ],
         "merges": [

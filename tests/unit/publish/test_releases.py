@@ -16,14 +16,25 @@ import shapely
 
 from facadelake.core.duckdb_engine import open_duckdb
 from facadelake.core.errors import InputDataError, StoreError
+from facadelake.core.geodesy import SiteOrigin
 from facadelake.lake.regrading import regrade
 from facadelake.publish import releases
-from facadelake.publish.geopackage import create_facade_layers, create_map_layers, right_from_facade
+from facadelake.publish.geopackage import create_facade_layers, create_map_layers
 from facadelake.publish.releases import publish_campaign, publish_regraded
+from facadelake.reporting.elevations.facades import Facade
+from facadelake.reporting.elevations.marks import assign_marks, create_marks
 from facadelake.severity.rule_packs import find_rule_file
 from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, HEIGHT, LAT, LON, commit, lake_tables
 
 KEYS = {"building_id": BUILDING, "campaign_id": CAMPAIGN}
+ORIGIN = SiteOrigin(lon_deg=LON, lat_deg=LAT, height_ellipsoidal_m=HEIGHT)
+
+
+def replace_columns(table: pa.Table, values: dict[str, list]) -> pa.Table:
+    for name, column in values.items():
+        place = table.schema.get_field_index(name)
+        table = table.set_column(place, table.schema.field(name), [pa.array(column, table.schema.field(name).type)])
+    return table
 
 
 @pytest.fixture(scope="module")
@@ -168,24 +179,65 @@ def test_defect_without_a_patch_is_a_box_on_the_elevation() -> None:
     assert [name.name for name in create_map_layers(none, "defects")] == ["defects", "defects_3d"]
 
 
-@pytest.mark.parametrize("facade", ["N", "NE", "E", "SE", "S", "SW", "W", "NW"])
-def test_right_as_seen_from_outside_is_the_view_direction_times_up(facade: str) -> None:
-    outward = np.array(
-        [sum({"E": 1, "W": -1}.get(c, 0) for c in facade), sum({"N": 1, "S": -1}.get(c, 0) for c in facade), 0]
+def test_a_facade_layer_and_an_elevation_have_one_frame() -> None:
+    """A wall that faces 156.1 degrees: u is along the wall, not along the compass point of its name."""
+    azimuth = np.radians(156.1)
+    right, outward = np.array([-np.cos(azimuth), np.sin(azimuth)]), np.array([np.sin(azimuth), np.cos(azimuth)])
+    places = [7.0 * outward + u * right for u in (-4.0, 0.5, 6.0)]
+    table = replace_columns(
+        lake_tables()["defects"],
+        {
+            "facade": ["SE"] * 3, "facade_azimuth_deg": [156.1] * 3,
+            "x_site_m": [place[0] for place in places], "y_site_m": [place[1] for place in places],
+            "normal_x": [outward[0]] * 3, "normal_y": [outward[1]] * 3, "patch": [None] * 3,
+        },
+    )  # fmt: skip
+    (layer,) = create_facade_layers(table)
+    assert layer.name == "facade_SE"
+    centres = [shapely.from_wkb(one).centroid for one in layer.geometry]
+    np.testing.assert_allclose([c.x for c in centres], [-4.0, 0.5, 6.0], rtol=0, atol=1e-9)  # m
+    view = Facade(
+        code="SE", part=0, azimuth_deg=156.1, area_m2=1, u_min_m=-10, u_max_m=10, v_min_m=0, v_max_m=9, near_w_m=9,
+        far_w_m=0,
+    )  # fmt: skip
+    (marks,), _ = assign_marks([view], create_marks(table, ORIGIN))
+    for mark, wkb in zip(marks, layer.geometry, strict=True):
+        drawn = shapely.Polygon(view.uvw_from_site(mark.corners_site_m)[:, :2])
+        assert drawn.symmetric_difference(shapely.from_wkb(wkb)).area == pytest.approx(0, abs=1e-9)  # m2
+
+
+def test_an_outline_where_the_wall_turns_away_keeps_its_size_in_a_facade_layer() -> None:
+    """A patch of 0.4 x 0.2 m at a round corner, 40 degrees off its facade, is not foreshortened to 0.31 m."""
+    turn = np.radians(140.0)
+    along = np.array([-np.cos(turn), np.sin(turn), 0.0])
+    centre = np.array([3.0, -4.0, 2.0])
+    corners = centre + np.array(
+        [a * along + [0, 0, b] for a, b in ((-0.2, -0.1), (0.2, -0.1), (0.2, 0.1), (-0.2, 0.1))]
     )
-    right = np.cross(-outward / np.linalg.norm(outward), [0, 0, 1])
-    np.testing.assert_allclose([*right_from_facade(facade), 0], right, rtol=0, atol=1e-12)
+    patch = shapely.to_wkb(shapely.Polygon(ORIGIN.geo_from_site(corners)), output_dimension=3)
+    geo = ORIGIN.geo_from_site(centre[None])[0]
+    values = dict(zip(("x_site_m", "y_site_m", "z_site_m"), centre, strict=True))
+    values |= dict(zip(("lon_deg", "lat_deg", "height_ellipsoidal_m"), geo, strict=True))
+    values |= {"normal_x": np.sin(turn), "normal_y": np.cos(turn), "facade_azimuth_deg": 180.0, "patch": patch}
+    one = replace_columns(lake_tables()["defects"].slice(0, 1), {name: [value] for name, value in values.items()})
+    (layer,) = create_facade_layers(one)
+    outline = shapely.from_wkb(layer.geometry[0])
+    np.testing.assert_allclose(outline.bounds, [2.8, 1.9, 3.2, 2.1], rtol=0, atol=1e-4)  # m
 
 
 def test_two_facades_of_one_compass_point_are_two_layers_each_in_its_own_plane() -> None:
-    table = lake_tables()["defects"]
-    place = table.schema.get_field_index("facade")
-    named = table.set_column(place, table.schema.field(place), [["N-350", "N-016", "inside"]])
-    assert [layer.name for layer in create_facade_layers(named)] == ["facade_N-016", "facade_N-350"]
-    # Right of a facade that faces 16 degrees east of north is west-northwest.
-    bearing = np.radians(16.0)
+    table = replace_columns(
+        lake_tables()["defects"],
+        {"facade": ["N-350", "N-016", "inside"], "facade_azimuth_deg": [350.2, 16.4, None]},
+    )
+    layers = list(create_facade_layers(table))
+    assert [layer.name for layer in layers] == ["facade_N-016", "facade_N-350"]
+    # Right of a facade that faces 16.4 degrees east of north is west-northwest.
+    bearing = np.radians(16.4)
     right = np.cross([-np.sin(bearing), -np.cos(bearing), 0], [0, 0, 1])
-    np.testing.assert_allclose([*right_from_facade("N-016"), 0], right, rtol=0, atol=1e-12)
+    row = table.slice(1, 1).to_pylist()[0]
+    u = np.array([row["x_site_m"], row["y_site_m"], 0.0]) @ right
+    assert shapely.from_wkb(layers[0].geometry[0]).centroid.x == pytest.approx(u, abs=1e-3)  # m
 
 
 def test_readme_names_crs_datum_version_and_columns(release: Path) -> None:

@@ -133,7 +133,8 @@ def make_defect_row(defect_id: str, x_m: float, z_m: float, **others: object) ->
         "east_map_m": 0.0, "north_map_m": 0.0, "height_map_m": 180.0 + z_m, "normal_x": 0.0, "normal_y": -1.0,
         "normal_z": 0.0, "width_m": 0.4, "height_m": 0.2, "area_m2": 0.08, "spread_m": 0.0, "photo_count": 1,
         "score": 1.0, "best_photo_id": "a.png", "element_guid": "wall", "ifc_class": "IfcWall",
-        "element_name": NASTY_NAME, "storey": "Ground <floor>", "facade": "S", "geometry": b"", **others,
+        "element_name": NASTY_NAME, "storey": "Ground <floor>", "facade": "S",
+        "facade_azimuth_deg": 180.0, "geometry": b"", **others,
     }  # fmt: skip
 
 

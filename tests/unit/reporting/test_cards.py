@@ -12,6 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from facadelake.building.surface.raycasting import Surface
+from facadelake.core.facade_frame import axes_from_normal
 from facadelake.core.tables import table_from_rows
 from facadelake.reporting.cards.cards import draw_cards
 from facadelake.reporting.cards.crops import crop_detection
@@ -22,8 +23,8 @@ from facadelake.reporting.cards.patch_view import PatchView, rectify_patch
 from facadelake.reporting.drawing.palette import bgr_from_hex, get_class_colour
 from facadelake.reporting.drawing.photograph import read_photograph
 from facadelake.reporting.elevations.elevation import find_drawn_facades, map_defects_to_model
-from facadelake.reporting.elevations.marks import DefectMark, axes_from_normal, create_marks
-from facadelake.reporting.elevations.overview import draw_defect_location, locate_on_facade, render_model_overview
+from facadelake.reporting.elevations.marks import DefectMark, create_marks
+from facadelake.reporting.elevations.overview import draw_defect_location, render_model_overview
 from facadelake.reporting.elevations.storeys import find_storey_bases
 from facadelake.reporting.inspection import Inspection, PictureSettings
 from tests.unit.reporting.painted_wall import (
@@ -156,9 +157,8 @@ def test_the_marker_is_at_the_defects_pixel(painted: PaintedWall) -> None:
     ys, xs = np.nonzero(np.abs(picture - ink).max(axis=2) < 12)
     centre = np.array([(xs.min() + xs.max() + 1) / 2, 500 - (ys.min() + ys.max() + 1) / 2])
     found = axes.transData.inverted().transform(centre)
-    # The wall begins half a metre right of the sheet's left, and x is along it.
-    np.testing.assert_allclose(found, [5.5 + 0.5, 3.0], rtol=0, atol=0.03)  # m, about two pixels
-    np.testing.assert_allclose(locate_on_facade(facade, mark, 0.0), [6.0, 3.0], rtol=0, atol=1e-9)  # m
+    # On a wall that faces south, u is x and v is z of the site.
+    np.testing.assert_allclose(found, [5.5, 3.0], rtol=0, atol=0.03)  # m, about two pixels
 
 
 def test_the_backdrop_shows_the_wall_where_it_is(painted: PaintedWall) -> None:
@@ -271,6 +271,7 @@ def test_facts_that_were_not_measured_are_omitted(painted: PaintedWall) -> None:
     assert facts["merged"] == ("1 pair (geography and image); Mahalanobis distance up to 1.2, similarity 0.71 to 0.71")
     assert facts["not merged"] == "with D9, 20 cm away: looks different"
     assert facts["site E, N, U (m)"] == "2.000, 0.000, 1.000"
+    assert facts["facade u, v (m)"] == "2.000, 1.000"  # on a south wall
     assert facts["std. deviation"] == "10.0, 20.0, 30.0 mm (east, north, up)"
     assert facts["position method"] == "triangulated from its observations"
     assert facts["crack width"] == "0.40 mm"

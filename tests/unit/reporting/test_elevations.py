@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
+from facadelake.building.facades import collect_facades
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import Float64Array
 from facadelake.core.tables import table_from_rows
@@ -34,8 +35,8 @@ SETTINGS = PictureSettings(cell_m=0.01, feather_m=0.2)
 
 
 def find_front(painted: PaintedWall, settings: PictureSettings = SETTINGS) -> Facade:
-    facades = find_facades(painted.building, painted.surface, painted.posed, frozenset(), settings)
-    assert [facade.name for facade in facades] == ["South"]
+    facades = find_facades(painted.building, painted.surface, painted.posed, {}, settings)
+    assert [facade.name for facade in facades] == ["S"]
     return facades[0]
 
 
@@ -123,14 +124,14 @@ def test_cameras_decide_which_side_of_a_wall_is_outside(painted: PaintedWall) ->
         [["N"]],
     )
     misled = replace(painted.building, elements=words)
-    facades = find_facades(misled, painted.surface, painted.posed, frozenset(), SETTINGS)
-    assert [facade.name for facade in facades] == ["South"]
-    alone = find_facades(misled, painted.surface, {}, frozenset(), SETTINGS)
-    assert [facade.name for facade in alone] == ["North"]
+    facades = find_facades(misled, painted.surface, painted.posed, {}, SETTINGS)
+    assert [facade.name for facade in facades] == ["S"]
+    alone = find_facades(misled, painted.surface, {}, {}, SETTINGS)
+    assert [facade.name for facade in alone] == ["N"]
 
 
-def test_a_round_wall_without_a_direction_of_its_own_has_an_elevation(painted: PaintedWall) -> None:
-    """Part of a cylinder that bulges south: drawn from the south, whole."""
+def test_a_round_wall_is_drawn_on_each_facade_that_it_faces(painted: PaintedWall) -> None:
+    """Part of a cylinder that bulges south: its sides belong to the facades that the tables name for them."""
     turn = np.radians(np.linspace(-75, 75, 13))
     foot = np.column_stack([4 + 3 * np.sin(turn), 1 - 3 * np.cos(turn)])
     low, high = np.column_stack([foot, np.zeros(13)]), np.column_stack([foot, np.full(13, 4.0)])
@@ -148,11 +149,26 @@ def test_a_round_wall_without_a_direction_of_its_own_has_an_elevation(painted: P
     posed = {
         str(x): point_camera(np.array([x, -9.0, 1.5]), np.array([4.0, 0.0, 2.0]), camera) for x in (-1.0, 4.0, 9.0)
     }
-    (facade,) = find_facades(building, Surface(building), posed, frozenset(["wall"]), SETTINGS)
-    assert facade.name == "South"
-    np.testing.assert_allclose(facade.azimuth_deg, 180.0, rtol=0, atol=2.0)  # deg
-    reach = 3 * np.sin(np.radians(75)) + 0.5
-    np.testing.assert_allclose([facade.u_min_m, facade.u_max_m], [4 - reach, 4 + reach], rtol=0, atol=0.1)  # m
+    found = find_facades(building, Surface(building), posed, {}, SETTINGS)
+    assert {facade.code: facade.azimuth_deg for facade in found} == {
+        "E": 90.0, "SE": 135.0, "S": 180.0, "SW": 225.0, "W": 270.0,
+    }  # fmt: skip
+    facade = next(facade for facade in found if facade.code == "S")
+    reach = 3 * np.sin(np.radians(25)) + 0.5  # the arc's pieces turn by 12.5 deg: two each side face south
+    np.testing.assert_allclose([facade.u_min_m, facade.u_max_m], [4 - reach, 4 + reach], rtol=0, atol=0.01)  # m
+    # A defect on each piece is drawn on the facade of its column, and on no other.
+    marks = []
+    for piece in range(12):
+        centre = (foot[piece] + foot[piece + 1]) / 2
+        normal = np.array([centre[0] - 4, centre[1] - 1, 0.0]) / np.hypot(centre[0] - 4, centre[1] - 1)
+        code = collect_facades(building.elements).assign_facade("around", normal)
+        others = {"normal_x": normal[0], "normal_y": normal[1], "y_site_m": centre[1], "facade": code}
+        marks.append(make_defect_row(f"D{piece:02d}", centre[0], 2.0, **others))
+    drawn = create_marks(table_from_rows("defects", marks), building.origin)
+    assigned, unassigned = assign_marks(found, drawn)
+    assert unassigned == []
+    assert [{mark.facade for mark in own} for own in assigned] == [{facade.code} for facade in found]
+    assert sum(map(len, assigned)) == 12
 
 
 def test_a_missing_photograph_is_not_used(painted: PaintedWall, caplog: pytest.LogCaptureFixture) -> None:
@@ -190,13 +206,13 @@ def test_marks_lie_on_the_facade_they_face_and_keep_their_size(painted: PaintedW
         painted,
         [
             make_defect_row("D007", 2.0, 1.0),
-            make_defect_row("D012", 6.0, 3.0, normal_y=1.0, y_site_m=9.0, element_guid="x"),
+            make_defect_row("D012", 6.0, 3.0, normal_y=1.0, y_site_m=9.0, facade="N"),
         ],
         [],
     )
     facade = find_front(painted)
     marks = create_marks(inspection.defects, painted.building.origin)
-    (shown,), nowhere = assign_marks([facade], marks, painted.building)
+    (shown,), nowhere = assign_marks([facade], marks)
     assert [mark.label for mark in shown] == ["7"]
     assert [mark.label for mark in nowhere] == ["12"]
     uvw = facade.uvw_from_site(shown[0].corners_site_m)
@@ -247,7 +263,7 @@ def test_elevations_are_written_with_and_without_defects(painted: PaintedWall, t
         folder = tmp_path / str(number)
         folder.mkdir()
         elevations = draw_elevations(make_inspection(painted, defects, []), painted.surface, folder, coarse)
-        assert [elevation.path.name for elevation in elevations] == ["elevation_south.png"]
+        assert [elevation.path.name for elevation in elevations] == ["elevation_S.png"]
         assert [len(elevation.marks) for elevation in elevations] == [len(defects)]
         assert 0.5 < elevations[0].covered_share < 1.0
         assert (folder / "thumbnail_elevation.jpg").is_file()

@@ -40,8 +40,8 @@ def select(painted: PaintedWall, inspection: Inspection, **names: list[str]) -> 
         ("defects", "wall-2026-D0012", IDS[1]),
         ("defects", "12", IDS[1]),
         ("defects", "d0007", IDS[0]),
-        ("facades", "south", "South"),
-        ("facades", "S", "South"),
+        ("facades", "south", "S"),
+        ("facades", "S", "S"),
         ("photos", "a.png", "a.png"),
         ("photos", "B", "b.png"),
     ],
@@ -56,7 +56,7 @@ def test_names_as_people_write_them(painted: PaintedWall, two: Inspection, kind:
     ("kind", "word", "message"),
     [
         ("defects", "D0013", "defect 'D0013'.*similar names: .*wall-2026-D0012"),
-        ("facades", "sout", "facade 'sout'.*similar names: South"),
+        ("facades", "sout", "facade 'sout'.*similar names: S"),
         ("photos", "c.png", r"photograph: 'c.png' .*similar names: .*[ab]\.png"),
         ("photos", "zzzzzzz", r"photograph: 'zzzzzzz' .*similar names: a.png.*\(of 3\)"),
     ],
@@ -73,19 +73,19 @@ def test_an_unknown_name_is_refused_with_similar_ones(
 def test_selected_pictures_are_written_and_overwritten(painted: PaintedWall, two: Inspection, tmp_path: Path) -> None:
     wanted = select_all(two, painted.surface, SETTINGS)
     assert wanted == PictureSelection(
-        defect_ids=tuple(IDS), facades=("South",), photo_ids=("a.png", "b.png"), distribution=True
+        defect_ids=tuple(IDS), facades=("S",), photo_ids=("a.png", "b.png"), distribution=True
     )
     drawn = draw_selection(two, painted.surface, wanted, tmp_path, SETTINGS)
     assert drawn.missing == ()
     names = [
-        "distribution.png", "distribution.csv", "elevations/elevation_south.png", "cards/card_7.png",
+        "distribution.png", "distribution.csv", "elevations/elevation_S.png", "cards/card_7.png",
         "cards/card_12.png", "overlays/overlay_a.jpg", "overlays/overlay_b.jpg",
     ]  # fmt: skip
     assert [path.relative_to(tmp_path).as_posix() for path in drawn.paths] == names
     card = tmp_path / "cards" / "card_7.png"
     first = card.read_bytes()
     card.write_bytes(b"half a file")  # as a run that was killed leaves it
-    few = PictureSelection(defect_ids=(IDS[0],), facades=("South",))
+    few = PictureSelection(defect_ids=(IDS[0],), facades=("S",))
     assert draw_selection(two, painted.surface, few, tmp_path, SETTINGS).paths[-1] == card
     assert card.read_bytes() == first
 
@@ -103,5 +103,5 @@ def test_missing_photographs_are_listed(painted: PaintedWall, two: Inspection, t
 
 def test_without_names_the_pictures_of_the_report_are_selected(painted: PaintedWall, two: Inspection) -> None:
     wanted = select_report_pictures(two, painted.surface, SETTINGS)
-    assert wanted == PictureSelection(defect_ids=(IDS[1],), facades=("South",), photo_ids=("a.png",), distribution=True)
+    assert wanted == PictureSelection(defect_ids=(IDS[1],), facades=("S",), photo_ids=("a.png",), distribution=True)
     assert NASTY_NAME not in wanted.photo_ids
