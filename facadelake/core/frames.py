@@ -1,8 +1,9 @@
 """Frames and the transforms between them.
 
 The frames, a closed list: ``img`` (pixels), ``cam`` (x right, y down, z forward), ``sfm`` (no scale), ``site``
-(local east-north-up metres at the building's origin), ``facade`` (see ``core.facade_frame``), ``ifc`` (the model's own), ``ecef`` (EPSG:4978), ``geo``
-(EPSG:4979: lon, lat, ellipsoidal height), ``map`` (the projected CRS of the model).
+(local east-north-up metres at the building's origin), ``facade`` (a facade's vertical plane: u to the right as seen
+from outside, v up, w outward; metres from the origin of ``site``), ``ifc`` (the model's own), ``ecef`` (EPSG:4978),
+``geo`` (EPSG:4979: lon, lat, ellipsoidal height), ``map`` (the projected CRS of the model).
 
 A transform is named ``target_from_source``; chains are checked by reading: ``site_from_cam = site_from_sfm @
 sfm_from_cam``.
@@ -19,6 +20,8 @@ import numpy as np
 
 from facadelake.core.arrays import Float64Array, Float64N, Float64Nx3, Float64x3, Float64x3x3
 from facadelake.core.errors import GeoreferenceError
+
+COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,3 +113,28 @@ def estimate_similarity(xyz_source: Float64Nx3, xyz_target: Float64Nx3, weights:
     rotation = u @ np.diag(signs) @ vt
     scale = float((s * signs).sum() / (w @ (source**2).sum(axis=1)))
     return Similarity(rotation=rotation, translation=mean_target - scale * rotation @ mean_source, scale=scale)
+
+
+def compute_facade_axes(azimuth_deg: float) -> Float64x3x3:
+    """Unit vectors u, v, w in site as rows, of a facade with outward azimuth ``azimuth_deg``, clockwise from north."""
+    azimuth = np.radians(azimuth_deg)
+    return np.array([[-np.cos(azimuth), np.sin(azimuth), 0.0], [0, 0, 1], [np.sin(azimuth), np.cos(azimuth), 0.0]])
+
+
+def facade_from_site(xyz_site_m: Float64Nx3, azimuth_deg: float) -> Float64Nx3:
+    """Coordinates u, v, w (n, 3) in metres of points (n, 3) of site."""
+    uvw: Float64Nx3 = np.asarray(xyz_site_m, dtype=np.float64) @ compute_facade_axes(azimuth_deg).T
+    return uvw
+
+
+def axes_from_normal(normal_site: Float64x3) -> Float64x3x3:
+    """Unit vectors right, up and outward (rows) of a surface with outward ``normal_site``, as seen from outside.
+
+    Right of a horizontal surface is east.
+    """
+    out = normal_site / np.linalg.norm(normal_site)
+    right = np.cross([0.0, 0.0, 1.0], out)
+    if np.linalg.norm(right) < 1e-6:
+        right = np.array([1.0, 0.0, 0.0])
+    right /= np.linalg.norm(right)
+    return np.array([right, np.cross(out, right), out])

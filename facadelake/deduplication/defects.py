@@ -12,7 +12,7 @@ import shapely
 from facadelake.building import BuildingModel
 from facadelake.building.facades import collect_facades
 from facadelake.core.arrays import BoolArray, Float64Array, Float64N, Float64Nx3, RowIndices
-from facadelake.core.facade_frame import COMPASS, compute_facade_axes
+from facadelake.core.frames import COMPASS, compute_facade_axes
 from facadelake.core.tables import check_table, get_stage_schema
 from facadelake.deduplication.crack_width import estimate_crack_widths
 from facadelake.deduplication.group_statistics import compute_maxima, compute_weighted_medians, find_most_common

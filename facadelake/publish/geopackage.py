@@ -19,7 +19,7 @@ import pyogrio
 import shapely
 
 from facadelake.core.arrays import Float64Array, Float64Nx3, Int64Array
-from facadelake.core.facade_frame import axes_from_normal, facade_from_site
+from facadelake.core.frames import axes_from_normal, facade_from_site
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.publish.columns import FIRST, GEOMETRY, PATCH, decode_geometries, flatten_table
 from facadelake.publish.geoparquet import CRS_2D, CRS_3D

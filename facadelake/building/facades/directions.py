@@ -11,7 +11,7 @@ import pyarrow as pa
 from facadelake.building.facades.openness import INSIDE, LEVEL, compass_from_direction, find_open_sides
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import Float64Array, Float64N, Float64x3, RowIndices
-from facadelake.core.facade_frame import COMPASS
+from facadelake.core.frames import COMPASS
 
 _BIN_DEG = 0.5
 _MEAN_HALF_WIDTH_DEG = 10.0  # a facade's direction is the mean of walls within this

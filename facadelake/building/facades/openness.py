@@ -8,7 +8,7 @@ import numpy as np
 
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import Float64Array, Float64N, Float64Nx3, Float64x3, RowIndices
-from facadelake.core.facade_frame import COMPASS
+from facadelake.core.frames import COMPASS
 
 LEVEL = "level"  # open mainly upward or downward: roofs, slabs, soffits
 INSIDE = "inside"  # not open

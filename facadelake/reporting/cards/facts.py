@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from facadelake.core.facade_frame import facade_from_site
+from facadelake.core.frames import facade_from_site
 from facadelake.core.geodesy import SITE_AXES
 from facadelake.reporting.inspection import Inspection
 from schemas.vocabulary import CrackWidthOutcome, MergeDecision, PositionMethod

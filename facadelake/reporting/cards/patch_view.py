@@ -10,7 +10,7 @@ import numpy as np
 from facadelake.building.surface import Surface
 from facadelake.core.arrays import BoolArray, Float64Nx2, Float64Nx3, Float64x3, Float64x3x3, UInt8Image
 from facadelake.core.camera import PosedCamera
-from facadelake.core.facade_frame import axes_from_normal
+from facadelake.core.frames import axes_from_normal
 from facadelake.reporting.drawing.photograph import choose_reduction
 from facadelake.reporting.elevations.marks import DefectMark
 from facadelake.reporting.elevations.rectification import sample_bilinear

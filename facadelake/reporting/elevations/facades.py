@@ -12,7 +12,7 @@ from facadelake.building.facades import collect_facades
 from facadelake.building.surface import Surface
 from facadelake.core.arrays import Float64Nx3, Float64x3, Float64x3x3, RowIndices
 from facadelake.core.camera import PosedCamera
-from facadelake.core.facade_frame import COMPASS, compute_facade_axes, facade_from_site
+from facadelake.core.frames import COMPASS, compute_facade_axes, facade_from_site
 from facadelake.reporting.elevations.wall_directions import ModelTriangles, collect_triangles, find_facade_triangles
 from facadelake.reporting.inspection import PictureSettings
 

@@ -10,7 +10,7 @@ import pyarrow as pa
 import shapely
 
 from facadelake.core.arrays import Float64Nx3, Float64x3
-from facadelake.core.facade_frame import axes_from_normal
+from facadelake.core.frames import axes_from_normal
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.reporting.drawing.labels import label_ids
 from facadelake.reporting.elevations.facades import Facade, choose_view

@@ -12,7 +12,7 @@ from facadelake.building.facades import azimuth_from_direction, collect_facades,
 from facadelake.building.surface import Surface
 from facadelake.core.arrays import Float64N, Float64Nx3, RowIndices
 from facadelake.core.camera import PosedCamera
-from facadelake.core.facade_frame import compute_facade_axes
+from facadelake.core.frames import compute_facade_axes
 from facadelake.reporting.elevations.visibility import check_visibility
 
 _MIN_NET_AREA_SHARE = 0.3  # length of the area-weighted mean normal below which the sides cancel

@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from facadelake.building.surface.raycasting import Surface
-from facadelake.core.facade_frame import axes_from_normal
+from facadelake.core.frames import axes_from_normal
 from facadelake.core.tables import table_from_rows
 from facadelake.reporting.cards.cards import draw_cards
 from facadelake.reporting.cards.crops import crop_detection
