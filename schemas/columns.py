@@ -76,7 +76,7 @@ _ALL = [
     real("focal_length_mm", "mm", "focal length, from EXIF", 0),
     real("focal_length_35mm_mm", "mm", "35 mm equivalent focal length by the diagonal, from XMP or EXIF", 0),
     time("taken_at", "capture time from EXIF (camera clock; UTC assumed where no offset is given)"),
-    text("prior_source", "metadata that the position prior was read from", PositionSource),
+    text("prior_source", "metadata, or file of the portfolio, that the position prior was read from", PositionSource),
     real("prior_lon_deg", "deg", "longitude of the position prior (WGS 84)", -180, 180),
     real("prior_lat_deg", "deg", "latitude of the position prior (WGS 84)", -90, 90),
     real("prior_height_m", "m", "height of the position prior in prior_height_datum"),

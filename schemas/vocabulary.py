@@ -29,10 +29,11 @@ class PhotoOutcome(StrEnum):
 
 
 class PositionSource(StrEnum):
-    """Metadata that a position prior was read from."""
+    """Metadata that a position prior was read from; ``file`` is a file that the portfolio names."""
 
     XMP = "xmp"
     EXIF = "exif"
+    FILE = "file"
     NONE = "none"
 
 

@@ -9,9 +9,9 @@ from prefect import task
 
 from facadelake.building import read_building
 from facadelake.building.surface import build_horizontal_distance
-from facadelake.core.hashing import hash_files
+from facadelake.core.hashing import hash_file, hash_files
 from facadelake.core.tables import write_table
-from facadelake.photos import find_photographs, ingest_photographs
+from facadelake.photos import find_photographs, ingest_photographs, read_registered_positions
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 
@@ -22,19 +22,28 @@ def ingest(job: InspectionJob, model: StageResult | None) -> StageResult:
 
     Without a ``model`` no photograph is close-range by its distance, only by its folder.
     """
-    root = job.building.locate_photographs(job.campaign_id)
+    building, campaign_id = job.building, job.campaign_id
+    root = building.locate_photographs(campaign_id)
     paths = find_photographs(root)
-    close_range_below_m = job.building.tolerances.close_range_below_m
+    position_file = building.locate_positions(campaign_id)
+    close_range_below_m = building.tolerances.close_range_below_m
 
     def make(folder: Path) -> Counts:
         distance = build_horizontal_distance(read_building(model.folder)) if model else None
-        photos = ingest_photographs(root, distance_to_model_m=distance, close_range_below_m=close_range_below_m)
+        photos = ingest_photographs(
+            root,
+            distance_to_model_m=distance,
+            close_range_below_m=close_range_below_m,
+            positions=read_registered_positions(building, campaign_id),
+        )
         write_table("photos", photos, folder)
         return Counter(photos.column("photo_outcome").to_pylist())
 
     inputs = {
         "photographs": [str(path.relative_to(root)) for path in paths],
         "bytes": hash_files(paths),
+        "positions": building.positions.model_dump(exclude={"file"}) if building.positions else None,
+        "position_file": [position_file.name, hash_file(position_file)] if position_file else None,
         "close_range_below_m": close_range_below_m,
     }
     return run_stage(job, "ingest", reads={"model": model}, inputs=inputs, make=make)

@@ -8,6 +8,7 @@ from pathlib import Path
 from facadelake.core.errors import InputDataError
 from facadelake.detection import load_configured_detector, resolve_default_model
 from facadelake.georeferencing.imported import list_pose_files
+from facadelake.photos import list_position_remarks
 from facadelake.registry import Building, CocoDetectorSetting
 from facadelake.severity import find_rule_file
 from schemas.vocabulary import ControlKind, SurfaceKind
@@ -95,10 +96,11 @@ def check_files(building: Building, campaign_id: str, detections: str | None) ->
         )
     else:
         load_configured_detector(building.detector)  # an unusable model is reported before the hours of work
+    warnings = list_position_remarks(building, campaign_id)
     if building.control_points is not None and building.locate_control_points(campaign_id) is None:
         path = building.control_points.replace("{campaign}", campaign_id)
-        return (f"the portfolio names control points, but {path} does not exist; the control is GPS",)
-    return ()
+        return (f"the portfolio names control points, but {path} does not exist; the control is GPS", *warnings)
+    return warnings
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,7 +23,7 @@ FORMATS_BY_SUFFIX: dict[str, frozenset[str]] = {
     ".tiff": frozenset({"TIFF"}),
 }
 _RAW = "raw photographs are not supported; export this one as JPEG or TIFF"
-# Decoders of HEIC come with libraries under the GPL (x265), and OpenCV and COLMAP have none.
+# Neither COLMAP nor OpenCV decodes HEIC; pillow-heif's wheels contain x265, which is under the GPL.
 _HEIC = (
     "HEIC and AVIF photographs are not supported; convert this one to JPEG with its EXIF (heif-convert -q 95), and set "
     "the camera to JPEG"
@@ -90,10 +90,10 @@ def _list_images(root: Path) -> list[Path]:
     """All files below ``root`` that look like images, sorted by path, without hidden files and folders."""
     if not root.is_dir():
         raise InputDataError(f"the photographs' folder {root} does not exist; check the path in the portfolio")
-    return sorted(path for path in root.rglob("*") if _looks_like_image(path, root) and path.is_file())
+    return sorted(path for path in root.rglob("*") if _is_image_like(path, root) and path.is_file())
 
 
-def _looks_like_image(path: Path, root: Path) -> bool:
+def _is_image_like(path: Path, root: Path) -> bool:
     *folders, name = path.relative_to(root).parts
     is_hidden = name.startswith(".") and not name.startswith(_APPLE_DOUBLE_PREFIX)
     if is_hidden or any(folder.startswith(".") for folder in folders):

@@ -16,6 +16,8 @@ from facadelake.core.tables import Row, table_from_rows
 from facadelake.photos.clock import is_clock_set
 from facadelake.photos.exif import FULL_FRAME_DIAGONAL_MM
 from facadelake.photos.files import find_photographs
+from facadelake.photos.position_file import PositionFile
+from facadelake.photos.position_matching import match_positions
 from facadelake.photos.priors import PhotoMetadata, PhotoPriors, derive_priors
 from facadelake.photos.read import Photo, read_photos
 from schemas.vocabulary import HeightDatum, PhotoOutcome, PhotoRole, PositionSource
@@ -51,7 +53,9 @@ def _assign_roles(
 
 
 def _derive_priors(
-    photos: dict[str, Photo], distance_to_model_m: Callable[[Float64Nx2], Float64N] | None
+    photos: dict[str, Photo],
+    distance_to_model_m: Callable[[Float64Nx2], Float64N] | None,
+    positions: PositionSource | PositionFile | None,
 ) -> tuple[dict[str, PhotoPriors], dict[str, str]]:
     """The priors of the readable photographs by photo_id, and for each duplicate the photo_id of its original.
 
@@ -77,7 +81,11 @@ def _derive_priors(
                 warnings=photo.metadata_warnings,
             )
         )
-    derived = derive_priors(readable, distance_to_model_m)
+    if isinstance(positions, PositionFile):
+        matched = match_positions(positions, [photo_id for photo_id, photo in photos.items() if photo.exif])
+        derived = derive_priors(readable, distance_to_model_m, from_file=matched.by_photo)
+    else:
+        derived = derive_priors(readable, distance_to_model_m, counts=positions)
     priors = {photo.photo_id: prior for photo, prior in zip(readable, derived, strict=True)}
     return priors | {duplicate: priors[first] for duplicate, first in original_of.items()}, original_of
 
@@ -138,7 +146,11 @@ def _build_row(photo_id: str, photo: Photo, role: PhotoRole, priors: PhotoPriors
 
 
 def ingest_photographs(
-    root: Path, *, distance_to_model_m: Callable[[Float64Nx2], Float64N] | None, close_range_below_m: float
+    root: Path,
+    *,
+    distance_to_model_m: Callable[[Float64Nx2], Float64N] | None,
+    close_range_below_m: float,
+    positions: PositionSource | PositionFile | None = None,
 ) -> pa.Table:
     """Table `photos` of all files below ``root``.
 
@@ -150,6 +162,7 @@ def ingest_photographs(
         distance_to_model_m: horizontal distance (n,) in metres of positions (n, 2: lon_deg, lat_deg) to the building;
             None where it is unknown.
         close_range_below_m: photographs nearer than this are close-range, metres.
+        positions: which positions count: those of XMP, of EXIF or of a file; None: XMP, else EXIF.
 
     Returns:
         One row for each file, also for those that cannot be read and for duplicates.
@@ -166,7 +179,7 @@ def ingest_photographs(
         photo.path.relative_to(root).as_posix(): photo
         for photo in track(read_photos(paths), label="Reading photographs", total=len(paths))
     }
-    priors, original_of = _derive_priors(photos, distance_to_model_m)
+    priors, original_of = _derive_priors(photos, distance_to_model_m, positions)
     roles = _assign_roles(list(photos), priors, distance_to_model_m, close_range_below_m)
     rows = [
         _build_row(photo_id, photo, role, priors.get(photo_id))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 
@@ -16,7 +16,9 @@ from facadelake.photos.flights import Exposure, assign_flights
 from facadelake.photos.focal_prior import FocalPrior, derive_focal_prior
 from facadelake.photos.hemispheres import resolve_hemispheres
 from facadelake.photos.plausibility import TimedPrior, check_priors
+from facadelake.photos.position_matching import compare_with_metadata
 from facadelake.photos.position_prior import PositionPrior, derive_position_prior
+from schemas.vocabulary import PositionSource
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,9 +66,23 @@ class PhotoPriors:
 
 
 def derive_priors(
-    photos: Sequence[PhotoMetadata], distance_to_model_m: Callable[[Float64Nx2], Float64N] | None = None
+    photos: Sequence[PhotoMetadata],
+    distance_to_model_m: Callable[[Float64Nx2], Float64N] | None = None,
+    *,
+    counts: PositionSource | None = None,
+    from_file: Mapping[str, PositionPrior] | None = None,
 ) -> list[PhotoPriors]:
-    """The priors of all photographs of a campaign; ``distance_to_model_m`` as in ``plausibility.check_priors``."""
+    """The priors of all photographs of a campaign.
+
+    Args:
+        photos: their metadata.
+        distance_to_model_m: as in ``plausibility.check_priors``.
+        counts: XMP or EXIF, where the portfolio says which position counts.
+        from_file: positions of a file by photo_id, which count before those of the metadata; None: there is no file.
+
+    Returns:
+        The priors of each photograph.
+    """
     photos = _unify_position_steps(photos)
     resolved = resolve_hemispheres(
         [photo.exif for photo in photos], [photo.drone for photo in photos], distance_to_model_m
@@ -84,7 +100,9 @@ def derive_priors(
     flights = assign_flights([_build_exposure(photo) for photo in photos])
     timed = [
         TimedPrior(
-            prior=derive_position_prior(drone, photo.exif), flight=flight, time_s=seconds_from_time(_get_time(photo))
+            prior=_choose_position(photo, derive_position_prior(drone, photo.exif, counts), from_file),
+            flight=flight,
+            time_s=seconds_from_time(_get_time(photo)),
         )
         for photo, drone, flight in zip(photos, drones, flights, strict=True)
     ]
@@ -105,6 +123,21 @@ def derive_priors(
             )
         )
     return out
+
+
+def _choose_position(
+    photo: PhotoMetadata, by_metadata: PositionPrior, from_file: Mapping[str, PositionPrior] | None
+) -> PositionPrior:
+    if from_file is None:
+        return by_metadata
+    if photo.photo_id in from_file:
+        return compare_with_metadata(from_file[photo.photo_id], by_metadata)
+    used = (
+        "its metadata have none"
+        if by_metadata.source is PositionSource.NONE
+        else f"{by_metadata.source.upper()} is used"
+    )
+    return replace(by_metadata, warnings=(*by_metadata.warnings, f"not in the positions file; {used}"))
 
 
 def _get_time(photo: PhotoMetadata) -> datetime | None:

@@ -4,5 +4,6 @@ from .portfolio import read_portfolio as read_portfolio
 from .settings import DEFAULT_MODEL as DEFAULT_MODEL
 from .settings import CocoDetectorSetting as CocoDetectorSetting
 from .settings import OnnxDetectorSetting as OnnxDetectorSetting
+from .settings import PositionsSetting as PositionsSetting
 from .surface_kinds import UNITS_M as UNITS_M
 from .surface_kinds import find_buffer_files as find_buffer_files

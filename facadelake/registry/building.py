@@ -15,6 +15,7 @@ from facadelake.registry.settings import (
     CocoDetectorSetting,
     Identifier,
     OnnxDetectorSetting,
+    PositionsSetting,
     Schedule,
     StoreySetting,
     StrictModel,
@@ -31,7 +32,8 @@ class Building(StrictModel):
 
     ``model`` is an IFC, a mesh, or the keyword ``as-built`` for the as-built surface of the campaign where there is no
     model. ``model_building`` is the name of the IfcBuilding to use of an IFC with several. ``storeys`` are for models
-    without storeys. The default of ``detector`` is the default detector model.
+    without storeys. ``positions`` None: those of XMP, else of EXIF. The default of ``detector`` is the default detector
+    model.
     """
 
     id: Identifier
@@ -43,6 +45,7 @@ class Building(StrictModel):
     control_points: str | None = None
     check_points: str | None = None
     poses: str | None = None
+    positions: PositionsSetting | None = None
     detector: Annotated[CocoDetectorSetting | OnnxDetectorSetting, Field(discriminator="kind")] = OnnxDetectorSetting(
         kind="onnx"
     )
@@ -120,6 +123,12 @@ class Building(StrictModel):
     def locate_check_points(self, campaign_id: str) -> Path | None:
         """The file of check points; None where none is given or it does not exist."""
         return _find_file(self.check_points, campaign_id)
+
+    def locate_positions(self, campaign_id: str) -> Path | None:
+        """The file of the photographs' positions; None: none is given. Raises InputDataError: it does not exist."""
+        if self.positions is None or self.positions.file is None:
+            return None
+        return self._require_file(self.positions.file.replace(CAMPAIGN, campaign_id), "positions file")
 
     def locate_poses(self, campaign_id: str, choice: str | None) -> Path | None:
         """The file or folder of poses to import: ``choice``, else that of the portfolio; None: there is none.

@@ -27,6 +27,7 @@ _PATH_KEYS = (
     ("control_points",),
     ("check_points",),
     ("poses",),
+    ("positions", "file"),
     ("detector", "file"),
     ("detector", "model"),
     ("detector", "card"),
@@ -110,7 +111,7 @@ def _read_entries(file: Path, mistakes: list[str]) -> Iterator[tuple[str, dict[s
 def _resolve_entry(entry: dict[str, Any], file: Path) -> dict[str, Any]:
     """The entry with absolute paths and environment variables replaced."""
     out = dict(entry)
-    for name in ("detector", "crs"):
+    for name in ("detector", "crs", "positions"):
         if isinstance(out.get(name), dict):
             out[name] = dict(out[name])
     if isinstance(out.get("detector"), dict):

@@ -130,6 +130,42 @@ class Tolerances(StrictModel):
     placement_sigma_max_m: Annotated[float, Field(gt=0)] = 0.5
 
 
+class PositionsSetting(StrictModel):
+    """Which statement of the photographs' positions counts: that of XMP, of EXIF, or of a file.
+
+    In the portfolio ``positions: exif`` is short for ``positions: {source: exif}``, and ``source`` is ``file`` where a
+    ``file`` is given. ``columns`` are the names of its columns, where it has no header. ``vertical`` is the datum of
+    its heights: ``ellipsoidal`` or a vertical CRS such as EPSG:7837; without it that which the file states, else
+    unknown.
+    ``sigma_horizontal_m`` and ``sigma_vertical_m`` are those of positions for which the file states none.
+    """
+
+    source: Literal["xmp", "exif", "file"]
+    file: str | None = None
+    columns: tuple[str, ...] = ()
+    vertical: Annotated[str, Field(pattern=r"^(ellipsoidal|EPSG:\d+)$")] | None = None
+    sigma_horizontal_m: Annotated[float, Field(gt=0)] | None = None
+    sigma_vertical_m: Annotated[float, Field(gt=0)] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _expand_short_form(cls, value: object) -> object:
+        if isinstance(value, str):
+            return {"source": value}
+        if isinstance(value, dict) and "file" in value:
+            return {"source": "file"} | value
+        return value
+
+    @model_validator(mode="after")
+    def _check_file(self) -> Self:
+        of_file = (self.columns, self.vertical, self.sigma_horizontal_m, self.sigma_vertical_m)
+        if (self.source == "file") != (self.file is not None) or (self.file is None and any(of_file)):
+            raise ValueError("give 'xmp', 'exif', or a mapping with 'file', to which the other keys belong")
+        if (self.sigma_horizontal_m is None) != (self.sigma_vertical_m is None):
+            raise ValueError("give both 'sigma_horizontal_m' and 'sigma_vertical_m', or neither")
+        return self
+
+
 class CocoDetectorSetting(StrictModel):
     """Detections are imported from a COCO file of an external detector or of a person.
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.registry import CocoDetectorSetting, OnnxDetectorSetting, read_portfolio
+from facadelake.registry import Building, CocoDetectorSetting, OnnxDetectorSetting, read_portfolio
 
 GOOD = """
 buildings:
@@ -125,3 +125,40 @@ def test_unknown_building_and_missing_registry_name_what_there_is(tmp_path: Path
         read_portfolio(_write(tmp_path, GOOD)).get_building("tower")
     with pytest.raises(InputDataError, match=r"there is no portfolio at .*nothing\.yaml"):
         read_portfolio(tmp_path / "nothing.yaml")
+
+
+def test_positions_are_a_word_or_a_file(tmp_path: Path) -> None:
+    def read(line: str) -> Building:
+        return read_portfolio(_write(tmp_path, GOOD + f"    positions: {line}\n")).get_building("hall")
+
+    for word in ("xmp", "exif"):
+        positions = read(word).positions
+        assert positions is not None and (positions.source, positions.file) == (word, None)
+        assert read(word).locate_positions("2026-04") is None
+    building = read('{file: "photos/{campaign}/ppk.csv", vertical: "EPSG:7837"}')
+    with pytest.raises(InputDataError) as raised:
+        building.locate_positions("2026-04")
+    path = tmp_path / "photos" / "2026-04" / "ppk.csv"
+    assert str(raised.value) == (
+        f"the positions file {path} of building 'hall' does not exist; correct the path in the portfolio"
+    )
+    path.parent.mkdir(parents=True)
+    path.write_text("name,lat,lon\n")
+    assert building.locate_positions("2026-04") == path
+    assert read_portfolio(_write(tmp_path, GOOD)).get_building("hall").positions is None
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("xpm", "buildings[0].positions.source (id 'hall'): 'xpm': Input should be 'xmp', 'exif' or 'file'"),
+        ("{source: xmp, vertical: ellipsoidal}", "give 'xmp', 'exif', or a mapping with 'file'"),
+        ("{file: a.csv, sigma_vertical_m: 0.1}", "give both 'sigma_horizontal_m' and 'sigma_vertical_m', or neither"),
+        ("{file: a.csv, datum: x}", "unknown key; allowed are source, file, columns, vertical, sigma_horizontal_m"),
+        ("{file: a.csv, vertical: DHHN2016}", "String should match pattern"),
+    ],
+)
+def test_mistakes_in_positions_are_named(line: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(InputDataError) as raised:
+        read_portfolio(_write(tmp_path, GOOD + f"    positions: {line}\n"))
+    assert message in str(raised.value)

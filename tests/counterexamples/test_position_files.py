@@ -1,0 +1,145 @@
+"""Files of positions that could be misread, contradict the photographs or do not name them."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from facadelake.core.errors import InputDataError
+from facadelake.photos.ingest import ingest_photographs
+from facadelake.photos.position_file import PositionFileFormat
+from facadelake.photos.position_matching import match_positions
+from facadelake.photos.position_prior import SIGMA_DRONE, SIGMA_RTK_FIXED
+from facadelake.photos.registered_positions import list_position_remarks
+from facadelake.registry import Building
+from schemas.vocabulary import HeightDatum
+from tests.unit.photos.small_photographs import photograph
+from tests.unit.photos.test_position_file import EMLID, PIX4D, RTKLIB, read
+
+NO_COLUMNS = (
+    " has no column of photograph and latitude and longitude; give a header such as 'name,latitude,longitude,"
+    "ellipsoidal height,sigma_horizontal_m,sigma_vertical_m', or name the columns in the portfolio (positions: {file, "
+    "columns})"
+)
+
+
+def test_the_portfolio_states_the_datum_where_the_file_does_not(tmp_path: Path) -> None:
+    prior = read(tmp_path, PIX4D, PositionFileFormat(vertical="ellipsoidal")).positions["a.jpg"]
+    assert prior.height_datum is HeightDatum.ELLIPSOIDAL
+    with pytest.raises(InputDataError) as raised:
+        read(tmp_path, EMLID, PositionFileFormat(vertical="EPSG:5773"))
+    assert (
+        "states that its heights are ellipsoidal, the portfolio 'vertical: EPSG:5773'; correct the one that is wrong"
+    ) in str(raised.value)
+
+
+def test_a_file_without_header_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputDataError) as raised:
+        read(tmp_path, "a.jpg 8.407812345 48.940512345 180.5123")
+    assert str(raised.value) == f"the positions file {tmp_path / 'ppk.csv'}" + NO_COLUMNS
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (PIX4D.replace("altitude [m]", "altitude [ft]"), "column 'altitude [ft]' is in ft; give degrees and metres"),
+        (PIX4D.replace("accuracy horz [m]", "height [m]"), "two columns are the height"),
+        (RTKLIB.replace("%  name", "%").replace("a.jpg ", ""), "has no column of photograph"),
+        (PIX4D.replace("48.9405", "x"), "has no usable line: line 2 (a.jpg,x"),
+        (PIX4D.replace("48.9405", "98.9405"), "is out of range"),
+        ("", "is empty"),
+    ],
+)
+def test_a_file_that_could_be_misread_is_refused(text: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(InputDataError) as raised:
+        read(tmp_path, text)
+    assert message in str(raised.value)
+
+
+def test_accuracy_that_is_not_stated_is_told(tmp_path: Path) -> None:
+    columns = ("name", "lat", "lon", "height")
+    prior = read(tmp_path, "a.jpg 48.940512345 8.407812345 180.5", PositionFileFormat(columns=columns)).positions[
+        "a.jpg"
+    ]
+    assert (prior.sigma, prior.warnings) == (SIGMA_DRONE, ("ppk.csv states no accuracy; taken as 3/5 m",))
+    fixed = read(tmp_path, "name,lat,lon,Q\na.jpg,48.940512345,8.407812345,1\n").positions["a.jpg"]
+    assert fixed.sigma == SIGMA_RTK_FIXED
+    assert math.isnan(fixed.height_m)
+    coarse = read(tmp_path, PIX4D.replace("512345", "5").replace("812345", "8")).positions["a.jpg"]
+    assert coarse.warnings == ("ppk.csv gives positions in steps of 11 m",)
+    assert coarse.sigma.horizontal_m == pytest.approx(11.132 / math.sqrt(12), rel=0, abs=0.001)  # m
+
+
+def test_bad_lines_and_names_are_told_and_the_others_are_used(tmp_path: Path) -> None:
+    line = "{},48.940512345,8.407812345,180.5123,0.011,0.021\n"
+    text = PIX4D + line.format("D:\\flight\\b.JPG") + line.format("x.jpg") + line.format("c.jpg").replace("180", "190")
+    text += line.format("c.jpg") + "d.jpg,,,,,\n"
+    matched = match_positions(read(tmp_path, text), ["a.jpg", "b.jpg", "c.jpg", "d.jpg"])
+    assert sorted(matched.by_photo) == ["a.jpg", "b.jpg"]
+    assert matched.remarks == (
+        "ppk.csv: 2 lines are not used: line 7 (d.jpg,,,,,): no position; 'c.jpg' has 2 different positions",
+        "ppk.csv: 1 names are no photographs of the campaign: 'x.jpg' is not among the campaign's photographs",
+        "ppk.csv: 2 photographs are not in it, whose own metadata are used: c.jpg; d.jpg",
+    )
+    with pytest.raises(InputDataError) as raised:
+        match_positions(read(tmp_path, text), ["e.jpg"])
+    assert str(raised.value) == (
+        f"none of the 3 names in the positions file {tmp_path / 'ppk.csv'} is a photograph of the campaign ('a.jpg' is "
+        "not among the campaign's photographs); give the file of this campaign, with the photographs' file names"
+    )
+
+
+def test_the_positions_of_the_file_are_those_of_the_photographs(tmp_path: Path) -> None:
+    root = tmp_path / "photographs"
+    root.mkdir()
+    rtk = (
+        'drone-dji:GpsLatitude="48.9405" drone-dji:GpsLongitude="8.4078" drone-dji:AbsoluteAltitude="180.00" '
+        'drone-dji:RtkFlag="50" drone-dji:RtkStdLon="0.010" drone-dji:RtkStdLat="0.011" drone-dji:RtkStdHgt="0.02"'
+    )
+    for seed, name in enumerate(("a.jpg", "b.jpg")):
+        (root / name).write_bytes(photograph(xmp=rtk, seed=seed))
+    file = read(tmp_path, EMLID)
+    rows = {
+        row["photo_id"]: row
+        for row in ingest_photographs(
+            root, distance_to_model_m=None, close_range_below_m=8.0, positions=file
+        ).to_pylist()
+    }
+    named, unnamed = rows["a.jpg"], rows["b.jpg"]
+    assert (named["prior_source"], named["prior_lat_deg"], named["prior_height_m"]) == ("file", 48.940512345, 180.5123)
+    assert (named["prior_sigma_horizontal_m"], named["prior_height_datum"]) == (0.011, "ellipsoidal")
+    assert named["prior_evidence"].startswith(
+        "ppk.csv line 2, stated sigma 0.011/0.021 m; height ellipsoidal by the file"
+    )
+    assert named["prior_warnings"] == (
+        "the position of the file (lat 48.94051235, lon 8.40781234) is 1.64 m from that of XMP (lat 48.94050000, lon "
+        "8.40780000), beyond three sigmas of their difference (0.047 m); the file is used, as the portfolio says; "
+        "the height of the file, 180.51 m, is 0.51 m from 180.00 m of XMP, beyond three sigmas of their difference "
+        "(0.087 m); the file is used, as the portfolio says"
+    )
+    assert (unnamed["prior_source"], unnamed["prior_warnings"]) == ("xmp", "not in the positions file; XMP is used")
+
+
+def test_the_inspection_warns_before_it_begins(tmp_path: Path) -> None:
+    root = tmp_path / "photos"
+    root.mkdir()
+    for seed, name in enumerate(("a.jpg", "b.jpg")):
+        (root / name).write_bytes(photograph(seed=seed))
+    (root / "a.CR2").write_bytes(b"x")
+    (tmp_path / "ppk.csv").write_text(EMLID.replace("a.jpg", "A.JPG"))
+    building = Building.model_validate(
+        {
+            "id": "hall",
+            "name": "Hall",
+            "model": "as-built",
+            "photographs": str(root),
+            "campaigns": ["2026-04"],
+            "crs": {"map": "EPSG:25832", "vertical": "ellipsoidal"},
+            "positions": {"file": str(tmp_path / "ppk.csv")},
+        }
+    )
+    assert list_position_remarks(building, "2026-04") == (
+        "ppk.csv: 1 photographs are not in it, whose own metadata are used: b.jpg",
+    )
