@@ -31,7 +31,11 @@ _ALL = [
     text("photo_id", "path of the photograph below the campaign's folder, with forward slashes"),
     text("detection_id", "one box or mask in one photograph"),
     text("defect_id", "one physical defect in one campaign"),
-    text("element_guid", "GlobalId of the IFC element; without an IFC the name of a facade plane, such as facade-S-1"),
+    text(
+        "element_guid",
+        "GlobalId of the IFC element, with its STEP id (#41) where others have the same; without an IFC the name of a "
+        "facade plane, such as facade-S-1",
+    ),
     # building, campaign, run
     text("building_name", "display name"),
     text("model_uri", "path of the building model; 'as-built' where there is none"),
@@ -173,10 +177,12 @@ _ALL = [
     # elements
     text("ifc_class", "class of the IFC element; 'Surface' for a facade plane of a building without IFC"),
     text("element_name", "name of the IFC element"),
-    text("storey", "storey, by containment, else by elevation"),
+    text(
+        "storey", "storey, by containment, else by elevation; of several with one name, with its building or a number"
+    ),
     text("material", "materials, outermost first, separated by '; '"),
     text("predefined_type", "PredefinedType of the IFC element, or ObjectType where that is USERDEFINED"),
-    text("ifc_building", "name of the IfcBuilding that contains the element; a file may contain several"),
+    text("ifc_building", "IfcBuilding that contains the element; of several with one name, numbered"),
     text("host_guid", "GlobalId of the element it fills (a window's wall) or is a part of (a plate's curtain wall)"),
     text("material_layers", "layers, outermost first, as JSON: material and thickness_m"),
     text("properties", "values of the element's and its type's property sets, as JSON"),

@@ -47,6 +47,7 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
                 map_crs=model_of_building.map_crs,
                 vertical_datum=model_of_building.vertical_datum,
                 georeference_level=model_of_building.georeference_level,
+                model_remarks=model_of_building.remarks,
             ),
             control=Control(
                 kind=job.control,

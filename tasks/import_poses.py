@@ -40,6 +40,7 @@ def import_poses(job: InspectionJob, model: StageResult, photos: StageResult) ->
                 map_crs=building.map_crs,
                 vertical_datum=building.vertical_datum,
                 georeference_level=building.georeference_level,
+                model_remarks=building.remarks,
             ),
             surface=Surface(building),
             placement_sigma_max_m=limit_m,

@@ -7,6 +7,7 @@ from facadelake.building.mesh.files import MeshAxes
 from facadelake.building.mesh.load import MeshModelSettings, load_mesh_building
 from facadelake.building.model import BuildingModel
 from facadelake.building.model_georeference.control_pairs import ControlPair
+from facadelake.building.model_georeference.length_units import LengthUnit
 from facadelake.building.model_georeference.map_placement import MapPlacement
 from facadelake.building.storeys import StoreyElevation
 from facadelake.core.geodesy import SiteOrigin
@@ -33,6 +34,7 @@ def ifc_settings_from_registry(building: Building) -> IfcModelSettings:
         storeys=_storeys_from_registry(building),
         map_crs=crs.map,
         vertical_datum=crs.vertical,
+        map_unit=LengthUnit(name=crs.map_unit, metres=UNITS_M[crs.map_unit]) if crs.map_unit else None,
         origin=_origin_from_registry(building),
     )
 

@@ -21,10 +21,11 @@ class StoreyElevation:
 
 @dataclass(frozen=True, kw_only=True)
 class StoreyLevel:
-    """A storey and the z of its floor in site, metres."""
+    """A storey and the z of its floor in site, metres; ``building`` is the label of its IfcBuilding, if any."""
 
     name: str
     floor_site_m: float
+    building: str = ""
 
 
 def find_storey(levels: Sequence[StoreyLevel], z_site_m: float) -> str:
@@ -47,8 +48,8 @@ def find_storeys(
 ) -> list[str | None]:
     """Find the storeys of n points on elements.
 
-    A point has the storey of its element. If the element extends into other storeys, as a curtain wall does, the
-    point's level decides.
+    A point has the storey of its element. If the element extends into other storeys of its building, as a curtain wall
+    does, the point's level decides.
 
     Args:
         levels: levels of the storeys, sorted.
@@ -60,11 +61,14 @@ def find_storeys(
     Returns:
         Storey of each point (n).
     """
+    levels_of_storey = {level.name: [one for one in levels if one.building == level.building] for level in levels}
+    levels_of_element = [levels_of_storey.get(storey or "", []) for storey in element_storeys]
     is_multi_storey = [
-        _is_multi_storey(levels, storey, extent) for storey, extent in zip(element_storeys, extents_site_m, strict=True)
+        _is_multi_storey(own, storey, extent)
+        for own, storey, extent in zip(levels_of_element, element_storeys, extents_site_m, strict=True)
     ]
     return [
-        find_storey(levels, z) if is_multi_storey[i] else element_storeys[i]
+        find_storey(levels_of_element[i], z) if is_multi_storey[i] else element_storeys[i]
         for i, z in zip(element.tolist(), z_site_m.tolist(), strict=True)
     ]
 

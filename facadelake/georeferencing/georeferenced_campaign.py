@@ -176,7 +176,7 @@ def build_georeferenced_campaign(
         **_describe_accuracy(sigma_m, held_out_m, adjusted),
         **_describe_gps(priors, adjusted),
         **_describe_model(control, placement, adjusted),
-        "remarks": "; ".join(_build_remarks(priors, placement, adjusted)),
+        "remarks": "; ".join([*_build_remarks(priors, placement, adjusted), *site_frame.list_model_remarks()]),
     }
     return GeoreferencedCampaign(
         control=placement.kind,

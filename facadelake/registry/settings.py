@@ -64,14 +64,14 @@ class SiteOriginSetting(StrictModel):
 class PlacementSetting(StrictModel):
     """Origin of the model in the projected CRS: metres, and degrees anticlockwise from map east to the model's x axis.
 
-    ``scale`` is that of east and north, such as 0.9996 of the grid.
+    ``scale`` is that of east and north, such as 0.9996 of the grid; one that changes the building's size is refused.
     """
 
     east_m: float
     north_m: float
     height_m: float
     rotation_deg: float = 0.0
-    scale: Annotated[float, Field(gt=0)] = 1.0
+    scale: Annotated[float, Field(ge=0.9, le=1.1)] = 1.0
 
 
 class ControlPairSetting(StrictModel):
@@ -81,13 +81,16 @@ class ControlPairSetting(StrictModel):
     map_m: tuple[float, float, float]
 
 
+LengthUnitName = Literal["metre", "millimetre", "foot", "us_survey_foot"]
+
+
 class BuildingCrs(StrictModel):
     """Georeference of a model without one, or instead of its own; see docs/georeference-levels.md.
 
     ``map`` is a projected CRS such as EPSG:25832; ``vertical`` is ``ellipsoidal`` or a vertical CRS such as EPSG:7837.
     ``accept_level`` accepts a georeference with an accuracy of metres, down to that LoGeoRef level. For meshes
     (docs/without-bim.md): ``offset_file`` contains the position of their origin, ``axes`` is the upward axis, ``unit``
-    the unit of length.
+    the unit of length. ``map_unit`` is the unit of an IFC's map coordinates where its MapUnit is missing or wrong.
     """
 
     map: str | None = None
@@ -95,9 +98,10 @@ class BuildingCrs(StrictModel):
     placement: PlacementSetting | None = None
     control: tuple[ControlPairSetting, ...] = ()
     accept_level: Literal[20, 40] | None = None
+    map_unit: LengthUnitName | None = None
     offset_file: str | None = None
     axes: Literal["z-up", "y-up"] | None = None
-    unit: Literal["metre", "millimetre", "foot", "us_survey_foot"] | None = None
+    unit: LengthUnitName | None = None
     origin: SiteOriginSetting | None = None
 
     @model_validator(mode="after")

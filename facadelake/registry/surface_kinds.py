@@ -10,6 +10,7 @@ from urllib.parse import unquote
 from schemas.vocabulary import SurfaceKind
 
 AS_BUILT = "as-built"  # keyword in place of the path of a model
+_IFC_SUFFIX = ".ifc"
 _MESH_SUFFIXES = (".obj", ".ply", ".stl", ".glb", ".gltf")
 UNITS_M = {"metre": 1.0, "millimetre": 0.001, "foot": 0.3048, "us_survey_foot": 1200 / 3937}
 _IFC, _MESH, _AS_BUILT = SurfaceKind.IFC, SurfaceKind.MESH, SurfaceKind.AS_BUILT
@@ -17,6 +18,7 @@ _APPLICABLE_KINDS = {
     "placement": (_IFC, _MESH),
     "control": (_IFC,),
     "accept_level": (_IFC,),
+    "map_unit": (_IFC,),
     "offset_file": (_MESH,),
     "axes": (_MESH,),
     "unit": (_MESH,),
@@ -27,10 +29,18 @@ _KIND_LABELS = {_IFC: "an IFC", _MESH: "a mesh", _AS_BUILT: "'as-built' (no mode
 
 
 def infer_surface_kind(model: str) -> SurfaceKind:
-    """The kind of surface of a ``model`` in the portfolio, by keyword or file suffix."""
+    """The kind of surface of a ``model`` in the portfolio, by keyword or file suffix. Raises ValueError for others."""
     if model == AS_BUILT:
         return SurfaceKind.AS_BUILT
-    return SurfaceKind.MESH if PurePath(model).suffix.lower() in _MESH_SUFFIXES else SurfaceKind.IFC
+    suffix = PurePath(model).suffix.lower()
+    if suffix in _MESH_SUFFIXES:
+        return SurfaceKind.MESH
+    if suffix == _IFC_SUFFIX:
+        return SurfaceKind.IFC
+    raise ValueError(
+        f"the model '{model}' is of no known kind; allowed are an IFC ({_IFC_SUFFIX}, not zipped), a mesh "
+        f"({', '.join(_MESH_SUFFIXES)}), and the keyword '{AS_BUILT}' for none"
+    )
 
 
 def find_buffer_files(model: Path) -> tuple[Path, ...]:

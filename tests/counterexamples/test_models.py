@@ -165,7 +165,7 @@ UNKNOWN_DATUM = "EPSG:99999"
             Ifc(crs=CRS, conversion=CONVERSION | {"Eastings": 5421033.5, "Northings": 456639.25}),
             BY_IFC,
             "the centre of the model is at east, north, height [5421035.5, 456639.4, 179.8] m, outside the area of use "
-            f"of EPSG:25832 (Europe between 6°E and 12°E); {CHECK}",
+            f"of EPSG:25832 (Europe between 6°E and 12°E); with east and north exchanged it would lie in it; {CHECK}",
         ),
         (
             Ifc(crs=CRS, conversion=CONVERSION, boxes=[Box(corner_m=(456639.0, 5421033.0, 178.0))]),

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import ifcopenshell
 import ifcopenshell.util.element
-import ifcopenshell.util.unit
 import numpy as np
 import pyarrow as pa
 import shapely
@@ -18,9 +18,11 @@ from scipy.sparse.csgraph import connected_components
 
 from facadelake.building.facades.directions import FacadeAssignment, find_facades
 from facadelake.building.facades.openness import LEVEL
+from facadelake.building.ifc.identity import name_elements
 from facadelake.building.ifc.materials import json_from_layers, read_layers, read_material_names
 from facadelake.building.ifc.meshes import ElementMesh
-from facadelake.building.ifc.structure import IfcStorey, assign_storey, find_building, find_host, label_building
+from facadelake.building.ifc.structure import IfcStorey, assign_storey, find_building, find_host, label_buildings
+from facadelake.building.model_georeference.length_units import read_project_unit
 from facadelake.building.surface.footprint import compute_outline, lon_lat_from_site
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import Float64x3, Float64x3x3
@@ -34,6 +36,16 @@ _MAX_BOX_PLANES = 6
 _MAX_BODY_PLANES = 100
 _MIN_DETAILED_BODIES = 3  # a frame, its panes, its handle
 _SAME_PLANE_M = 0.002
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Structure:
+    """The IFC with its storeys, labels of its buildings and identifiers of its elements, both by STEP id."""
+
+    model: ifcopenshell.file
+    storeys: Sequence[IfcStorey]
+    buildings: Mapping[int, str]
+    identifiers: Mapping[int, str]
 
 
 def build_elements_table(
@@ -62,15 +74,16 @@ def build_elements_table(
     element_of_triangle = np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes])
     facades = find_facades(surface, element_of_triangle, len(meshes))
     areas = np.bincount(element_of_triangle, weights=surface.areas_m2, minlength=len(meshes))
-    unit_m = float(ifcopenshell.util.unit.calculate_unit_scale(model))
+    unit_m = read_project_unit(model).metres
+    structure = _Structure(
+        model=model, storeys=storeys, buildings=label_buildings(model), identifiers=name_elements(model)
+    )
     rows: list[dict[str, Any]] = []
     for index, mesh in enumerate(track(meshes, label="Reading elements")):
         corners = surface.vertices_site_m[surface.triangles[ends[index] - len(mesh.triangles) : ends[index]]]
         outline = lon_lat_from_site(compute_outline(corners), float(corners[:, :, 2].min()), origin)
         facade = facades[index]
-        attributes = _read_attributes(
-            model.by_guid(mesh.guid), mesh, storeys, _outward_from_facade(facade, site_from_ifc), unit_m
-        )
+        attributes = _read_attributes(structure, mesh, _outward_from_facade(facade, site_from_ifc), unit_m)
         computed = {
             "facade": facade.name,
             "facade_azimuth_deg": facade.azimuth_deg,
@@ -82,23 +95,31 @@ def build_elements_table(
 
 
 def _read_attributes(
-    element: ifcopenshell.entity_instance,
+    structure: _Structure,
     mesh: ElementMesh,
-    storeys: Sequence[IfcStorey],
     outward_ifc: Float64x3 | None,
     unit_m: float,
 ) -> dict[str, Any]:
-    """The columns that the IFC states; None where it states nothing."""
-    storey = assign_storey(element, storeys, float(mesh.vertices_ifc_m[:, 2].min()))
+    """The columns that the IFC states; None where it states nothing.
+
+    Args:
+        structure: the IFC and what its elements refer to.
+        mesh: the element's mesh.
+        outward_ifc: outward direction (3,) in the model's axes, if any.
+        unit_m: metres per length unit of the IFC.
+    """
+    element = structure.model.by_id(mesh.step_id)
+    lowest_m = float(mesh.vertices_ifc_m[:, 2].min())
+    storey = assign_storey(element, structure.storeys, lowest_m, structure.buildings)
     host, building = find_host(element), find_building(element)
     sets = read_property_sets(element)
     return {
-        "element_guid": element.GlobalId,
+        "element_guid": mesh.guid,
         "ifc_class": element.is_a(),
         "predefined_type": _read_predefined_type(element),
         "element_name": element.Name or None,
-        "host_guid": host.GlobalId if host is not None else None,
-        "ifc_building": label_building(building) if building is not None else None,
+        "host_guid": structure.identifiers[host.id()] if host is not None else None,
+        "ifc_building": structure.buildings[building.id()] if building is not None else None,
         "storey": storey.name or None,
         "storey_source": storey.source or None,
         "material": read_material_names(element) or None,

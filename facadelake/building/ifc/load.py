@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,11 +11,14 @@ import ifcopenshell
 import numpy as np
 
 from facadelake.building.ifc.elements import build_elements_table
+from facadelake.building.ifc.identity import describe_shared_guids
 from facadelake.building.ifc.meshes import drop_distant_elements, mesh_elements, open_ifc
-from facadelake.building.ifc.structure import IfcStorey, get_building, label_building, read_storeys
+from facadelake.building.ifc.sizes import check_sizes
+from facadelake.building.ifc.structure import IfcStorey, get_building, label_buildings, read_storeys
 from facadelake.building.model import BuildingModel
 from facadelake.building.model_georeference.candidates import find_georeferences
 from facadelake.building.model_georeference.control_pairs import ControlPair
+from facadelake.building.model_georeference.length_units import LengthUnit, read_project_unit
 from facadelake.building.model_georeference.map_placement import MapPlacement, ModelGeoreference
 from facadelake.building.model_georeference.selection import select_georeference
 from facadelake.building.storeys import StoreyElevation, StoreyLevel
@@ -33,10 +36,10 @@ class IfcModelSettings:
 
     ``vertical_datum`` is "ellipsoidal" or a vertical CRS such as "EPSG:5783". ``control`` (pairs of points of the model
     and of the map), else ``placement``, replaces the IFC's georeference. ``accept_level`` is the lowest LoGeoRef level
-    that is accepted although its accuracy is metres. ``building`` selects one IfcBuilding by name or GlobalId; empty
-    takes all. ``storeys`` apply where the IFC has none. ``origin`` is the origin of the site frame.
-    ``mesh_deflection_m`` is the largest distance of a triangle from the curved surface it approximates. ``workers`` is
-    the number of threads that mesh elements.
+    that is accepted although its accuracy is metres. ``map_unit`` replaces MapUnit. ``building`` selects one
+    IfcBuilding by name or GlobalId; empty takes all. ``storeys`` apply where the IFC has none. ``origin`` is the origin
+    of the site frame. ``mesh_deflection_m`` is the largest distance of a triangle from the curved surface it
+    approximates. ``workers`` is the number of threads that mesh elements.
     """
 
     map_crs: str | None = None
@@ -44,6 +47,7 @@ class IfcModelSettings:
     placement: MapPlacement | None = None
     control: tuple[ControlPair, ...] = ()
     accept_level: int | None = None
+    map_unit: LengthUnit | None = None
     building: str = ""
     storeys: tuple[StoreyElevation, ...] = ()
     origin: SiteOrigin | None = None
@@ -58,7 +62,9 @@ def load_ifc_building(path: Path, *, settings: IfcModelSettings) -> BuildingMode
     if neither the IFC nor ``settings`` states the position, the CRS or the vertical datum.
     """
     model = open_ifc(path)
-    building_guid = get_building(model, settings.building).GlobalId if settings.building else ""
+    unit = read_project_unit(model)
+    labels = label_buildings(model)
+    selected = get_building(model, settings.building, labels) if settings.building else None
     candidates = find_georeferences(
         model,
         map_crs=settings.map_crs,
@@ -66,14 +72,16 @@ def load_ifc_building(path: Path, *, settings: IfcModelSettings) -> BuildingMode
         placement=settings.placement,
         control=settings.control,
         accept_level=settings.accept_level,
+        map_unit=settings.map_unit,
     )
-    meshes = mesh_elements(
-        model, deflection_m=settings.mesh_deflection_m, workers=settings.workers, building_guid=building_guid
-    )
+    storeys_of_ifc = read_storeys(model, labels, selected)
+    meshes = mesh_elements(model, deflection_m=settings.mesh_deflection_m, workers=settings.workers, building=selected)
     meshes, dropped = drop_distant_elements(meshes)
+    sizes = check_sizes(model, meshes, [storey.level_m for storey in storeys_of_ifc])
     vertices_ifc = np.vstack([mesh.vertices_ifc_m for mesh in meshes])
-    centre = (vertices_ifc.min(axis=0) + vertices_ifc.max(axis=0)) / 2
-    georeference = select_georeference(candidates, centre)
+    extent = np.array([vertices_ifc.min(axis=0), vertices_ifc.max(axis=0)])
+    centre = extent.mean(axis=0)
+    georeference = select_georeference(candidates, extent)
     origin = settings.origin or choose_site_origin(georeference, centre)
     starts = np.cumsum([0, *(len(mesh.vertices_ifc_m) for mesh in meshes[:-1])])
     triangles = np.vstack([mesh.triangles + start for mesh, start in zip(meshes, starts, strict=True)])
@@ -82,7 +90,7 @@ def load_ifc_building(path: Path, *, settings: IfcModelSettings) -> BuildingMode
     surface = Surface.from_mesh(vertices, triangles, element_of_triangle)
     _log.info("%d elements, %d triangles, %s, heights %s", len(meshes), len(triangles), georeference.map_crs,
               georeference.vertical_datum)  # fmt: skip
-    storeys = read_storeys(model, building_guid) or _convert_registry_storeys(settings.storeys, georeference)
+    storeys = storeys_of_ifc or _convert_registry_storeys(settings.storeys, georeference)
     elements = build_elements_table(
         model,
         meshes,
@@ -91,12 +99,20 @@ def load_ifc_building(path: Path, *, settings: IfcModelSettings) -> BuildingMode
         origin=origin,
         storeys=storeys,
     )
+    remarks = [
+        georeference.remarks,
+        unit.remark,
+        describe_shared_guids({mesh.step_id: mesh.guid for mesh in meshes}),
+        dropped,
+        sizes,
+        _describe_buildings(model, labels, selected),
+    ]
     return BuildingModel(
         origin=origin,
         map_crs=georeference.map_crs,
         vertical_datum=georeference.vertical_datum,
         georeference_level=georeference.level,
-        remarks="; ".join(filter(None, [georeference.remarks, dropped, _describe_buildings(model, building_guid)])),
+        remarks="; ".join(filter(None, remarks)),
         vertices_site_m=vertices,
         triangles=triangles,
         element_of_triangle=element_of_triangle,
@@ -145,19 +161,26 @@ def _compute_storey_levels(
     floors = np.array([[centre_ifc_m[0], centre_ifc_m[1], storey.level_m] for storey in storeys])
     levels = origin.site_from_geo(georeference.geo_from_ifc(floors))[:, 2]
     return tuple(
-        StoreyLevel(name=storey.name, floor_site_m=float(level)) for storey, level in zip(storeys, levels, strict=True)
+        StoreyLevel(name=storey.name, floor_site_m=float(level), building=storey.building)
+        for storey, level in zip(storeys, levels, strict=True)
     )
 
 
-def _describe_buildings(model: ifcopenshell.file, building_guid: str) -> str:
+def _describe_buildings(
+    model: ifcopenshell.file, labels: Mapping[int, str], selected: ifcopenshell.entity_instance | None
+) -> str:
     """Remark on which of several buildings were loaded; empty if the file has one."""
     buildings = model.by_type("IfcBuilding")
     if len(buildings) < 2:
         return ""
-    if building_guid:
-        selected = next(building for building in buildings if building.GlobalId == building_guid)
-        return f"of the IFC's {len(buildings)} buildings only '{label_building(selected)}' was loaded"
-    names = ", ".join(f"'{label_building(building)}'" for building in buildings[:5])
+    if selected is not None:
+        return f"of the IFC's {len(buildings)} buildings only '{labels[selected.id()]}' was loaded"
+    names = {building.Name or building.LongName for building in buildings}
+    # A label that is not the name in the IFC is explained by the GlobalId.
+    listed = [
+        f"'{labels[one.id()]}'" + ("" if labels[one.id()] in names else f" ({one.GlobalId})") for one in buildings[:5]
+    ]
     return (
-        f"the IFC has {len(buildings)} buildings ({names}), all loaded; set model_building in the portfolio to load one"
+        f"the IFC has {len(buildings)} buildings ({', '.join(listed)}), all loaded; set model_building in the "
+        "portfolio to load one"
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,6 +13,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from facadelake.building.ifc.identity import name_elements
 from facadelake.building.ifc.structure import find_building
 from facadelake.core.arrays import Float64Array, Float64Nx3, Int64Nx3
 from facadelake.core.errors import ModelError
@@ -30,9 +31,13 @@ _LEFT_OUT = ("IfcFeatureElement", "IfcVirtualElement", "IfcGeographicElement", "
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ElementMesh:
-    """Surface of one element: ``vertices_ifc_m`` (n, 3), ``triangles`` (m, 3), those of closed bodies wound outward."""
+    """Surface of one element: ``vertices_ifc_m`` (n, 3), ``triangles`` (m, 3), those of closed bodies wound outward.
+
+    ``guid`` is the element's GlobalId, with its STEP id (``step_id``) where others have the same.
+    """
 
     guid: str
+    step_id: int
     vertices_ifc_m: Float64Nx3
     triangles: Int64Nx3
 
@@ -74,7 +79,11 @@ def open_ifc(path: Path) -> ifcopenshell.file:
 
 
 def mesh_elements(
-    model: ifcopenshell.file, *, deflection_m: float, workers: int, building_guid: str = ""
+    model: ifcopenshell.file,
+    *,
+    deflection_m: float,
+    workers: int,
+    building: ifcopenshell.entity_instance | None = None,
 ) -> list[ElementMesh]:
     """Mesh every element with its openings cut out; spaces, sites, openings and annotations are omitted.
 
@@ -84,7 +93,7 @@ def mesh_elements(
         model: the IFC.
         deflection_m: largest distance of a triangle from the curved surface it approximates.
         workers: number of threads.
-        building_guid: GlobalId of an IfcBuilding; elements of the file's other buildings are omitted. Empty takes all.
+        building: an IfcBuilding; elements of the file's other buildings are omitted. None takes all.
 
     Returns:
         One mesh per element in the model's axes, sorted by GlobalId.
@@ -98,8 +107,9 @@ def mesh_elements(
         for element in _list_entities(model, kind)
         if element.Representation is not None
         and not any(_is_a(element, name) for name in _LEFT_OUT)
-        and not (building_guid and _is_in_other_building(element, building_guid))
+        and not (building is not None and _is_in_other_building(element, building))
     ]
+    guids = name_elements(model)
     settings = ifcopenshell.geom.settings()
     # Shapes are meshed relative to their placement, where coordinates are small, and transformed in float64 afterwards:
     # at map coordinates of 5e6 m the kernel's tolerances are coarse.
@@ -111,7 +121,7 @@ def mesh_elements(
     meshes: list[ElementMesh] = []
     with report_progress("Meshing elements", len(elements)) as step:
         for start in range(0, len(elements), _BATCH):
-            for mesh in _iterate_shapes(model, settings, workers, elements[start : start + _BATCH]):
+            for mesh in _iterate_shapes(model, settings, workers, elements[start : start + _BATCH], guids):
                 if len(mesh.triangles):
                     meshes.append(mesh)
                 step.advance()
@@ -120,8 +130,8 @@ def mesh_elements(
             f"the building model has {len(elements)} elements with a body, and none of them could be meshed; "
             "export it with body geometry (design transfer or reference view)"
         )
-    meshes = _merge_by_guid(meshes)
-    missing = {element.GlobalId for element in elements} - {mesh.guid for mesh in meshes}
+    meshes = _merge_by_element(meshes)
+    missing = {guids[element.id()] for element in elements} - {mesh.guid for mesh in meshes}
     if missing:
         _log.warning(
             "%d of %d elements have no surface: %s", len(missing), len(elements), ", ".join(sorted(missing)[:10])
@@ -134,15 +144,24 @@ def _iterate_shapes(
     settings: ifcopenshell.geom.settings,
     workers: int,
     elements: list[ifcopenshell.entity_instance],
+    guids: Mapping[int, str],
 ) -> Iterator[ElementMesh]:
-    """Yield meshes of the elements in the model's axes; elements whose geometry fails are missing."""
+    """Yield meshes of the elements in the model's axes; elements whose geometry fails are missing.
+
+    Args:
+        model: the IFC.
+        settings: the iterator's settings.
+        workers: number of threads.
+        elements: the elements.
+        guids: their identifiers by STEP id.
+    """
     iterator = ifcopenshell.geom.iterator(settings, model, workers, include=elements)
     more = iterator.initialize()
     while more:
         shape = iterator.get()
         vertices = np.frombuffer(shape.geometry.verts_buffer, dtype=np.float64).reshape(-1, 3)
         triangles = np.frombuffer(shape.geometry.faces_buffer, dtype=np.int32).reshape(-1, 3).astype(np.int64)
-        mesh = _clean_mesh(shape.guid, vertices, triangles)
+        mesh = _clean_mesh(guids[shape.id], shape.id, vertices, triangles)
         ifc_from_element = np.frombuffer(shape.transformation_buffer, dtype=np.float64).reshape(4, 4).T
         yield replace(mesh, vertices_ifc_m=_transform_points(mesh.vertices_ifc_m, ifc_from_element))
         more = iterator.next()
@@ -154,15 +173,22 @@ def _transform_points(points: Float64Nx3, matrix: Float64Array) -> Float64Nx3:
     return transformed
 
 
-def _is_in_other_building(element: ifcopenshell.entity_instance, building_guid: str) -> bool:
-    building = find_building(element)
-    return building is not None and building.GlobalId != building_guid
+def _is_in_other_building(element: ifcopenshell.entity_instance, building: ifcopenshell.entity_instance) -> bool:
+    own = find_building(element)
+    return own is not None and own.id() != building.id()
 
 
-def _clean_mesh(guid: str, vertices: Float64Nx3, triangles: Int64Nx3) -> ElementMesh:
-    """Remove triangles without area, and reverse the winding of connected bodies with a negative volume.
+def _clean_mesh(guid: str, step_id: int, vertices: Float64Nx3, triangles: Int64Nx3) -> ElementMesh:
+    """Build an element's mesh from vertices (n, 3) and triangles (m, 3).
 
+    Triangles without area are removed, and connected bodies with a negative volume get the other winding.
     The kernel's own reorientation of shells takes three times as long as the whole meshing.
+
+    Args:
+        guid: identifier of the element.
+        step_id: its number in the IFC.
+        vertices: in the element's axes, metres.
+        triangles: rows of the vertices.
     """
     corners = vertices[triangles]
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -175,11 +201,11 @@ def _clean_mesh(guid: str, vertices: Float64Nx3, triangles: Int64Nx3) -> Element
         volume = np.bincount(body, weights=np.einsum("ij,ij->i", a, np.cross(b, c)) / 6)
         inside_out = volume[body] < 0
         triangles[inside_out] = triangles[inside_out][:, ::-1]
-    return ElementMesh(guid=guid, vertices_ifc_m=vertices, triangles=triangles)
+    return ElementMesh(guid=guid, step_id=step_id, vertices_ifc_m=vertices, triangles=triangles)
 
 
-def _merge_by_guid(meshes: list[ElementMesh]) -> list[ElementMesh]:
-    """Merge meshes to one per GlobalId: the iterator gives one shape for each context of an element."""
+def _merge_by_element(meshes: list[ElementMesh]) -> list[ElementMesh]:
+    """Merge meshes to one per element: the iterator gives one shape for each context of an element."""
     by_guid: dict[str, list[ElementMesh]] = {}
     for mesh in meshes:
         by_guid.setdefault(mesh.guid, []).append(mesh)
@@ -190,6 +216,7 @@ def _merge_by_guid(meshes: list[ElementMesh]) -> list[ElementMesh]:
         merged.append(
             ElementMesh(
                 guid=guid,
+                step_id=parts[0].step_id,
                 vertices_ifc_m=np.vstack([part.vertices_ifc_m for part in parts]),
                 triangles=np.vstack([part.triangles + start for part, start in zip(parts, starts, strict=True)]),
             )

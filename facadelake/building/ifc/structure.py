@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import ifcopenshell
 import ifcopenshell.util.element
 import ifcopenshell.util.placement
-import ifcopenshell.util.unit
 
+from facadelake.building.model_georeference.length_units import read_project_unit
 from facadelake.core.errors import ModelError
 
 CONTAINMENT, HOST, ELEVATION = "containment", "host", "elevation"
@@ -18,10 +19,15 @@ _FLOOR_TOLERANCE_M = 0.1  # an element may begin this far below the level of its
 
 @dataclass(frozen=True, kw_only=True)
 class IfcStorey:
-    """A storey, the level of its floor in the model's axes in metres, and the GlobalId of its IfcBuilding, if any."""
+    """A storey and the level of its floor in the model's axes, metres.
+
+    ``step_id`` is its number in the IFC, 0 for storeys of the portfolio; ``building`` the label of its IfcBuilding, if
+    any.
+    """
 
     name: str
     level_m: float
+    step_id: int = 0
     building: str = ""
 
 
@@ -61,12 +67,16 @@ def find_building(element: ifcopenshell.entity_instance) -> ifcopenshell.entity_
     return None
 
 
-def get_building(model: ifcopenshell.file, name: str) -> ifcopenshell.entity_instance:
-    """Get the IfcBuilding by GlobalId, Name or LongName. Raises ModelError if none or several match."""
+def get_building(model: ifcopenshell.file, name: str, labels: Mapping[int, str]) -> ifcopenshell.entity_instance:
+    """Get the IfcBuilding by GlobalId, Name, LongName or label. Raises ModelError if none or several match."""
     buildings = model.by_type("IfcBuilding")
-    found = [building for building in buildings if name in (building.GlobalId, building.Name, building.LongName)]
+    found = [
+        building
+        for building in buildings
+        if name in (building.GlobalId, building.Name, building.LongName, labels[building.id()])
+    ]
     if len(found) != 1:
-        known = ", ".join(f"'{label_building(building)}' ({building.GlobalId})" for building in buildings) or "none"
+        known = ", ".join(f"'{labels[building.id()]}' ({building.GlobalId})" for building in buildings) or "none"
         raise ModelError(
             f"model_building '{name}' in the portfolio matches {len(found)} of the IFC's buildings ({known}); use one "
             "of these names or GlobalIds"
@@ -74,18 +84,24 @@ def get_building(model: ifcopenshell.file, name: str) -> ifcopenshell.entity_ins
     return found[0]
 
 
-def label_building(building: ifcopenshell.entity_instance) -> str:
-    """Name, LongName or GlobalId of the building, the first that is set."""
-    return str(building.Name or building.LongName or building.GlobalId)
+def label_buildings(model: ifcopenshell.file) -> dict[int, str]:
+    """Label the buildings by STEP id: Name, LongName or GlobalId; those of one name are numbered by GlobalId."""
+    buildings = sorted(model.by_type("IfcBuilding"), key=lambda one: (str(one.GlobalId), one.id()))
+    return _number_same_names([(building.id(), _name_entity(building)) for building in buildings])
 
 
-def read_storeys(model: ifcopenshell.file, building_guid: str = "") -> list[IfcStorey]:
-    """Read the model's storeys, or those of the IfcBuilding ``building_guid``, sorted by level.
+def read_storeys(
+    model: ifcopenshell.file,
+    buildings: Mapping[int, str],
+    selected: ifcopenshell.entity_instance | None = None,
+) -> list[IfcStorey]:
+    """Read the model's storeys, or those of the IfcBuilding ``selected``, sorted by level.
 
     The level is that of the storey's placement. Elevation is used where placements are missing or all equal, as in
-    files whose exporter left them at zero.
+    files whose exporter left them at zero. Storeys of one name get the label of their building, of ``buildings`` by
+    STEP id, and those of one building are numbered from the lowest up.
     """
-    unit_m = float(ifcopenshell.util.unit.calculate_unit_scale(model))
+    unit_m = read_project_unit(model).metres
     entities = model.by_type("IfcBuildingStorey")
     placement_levels = [_read_placement_level(entity) for entity in entities]
     elevations = {float(entity.Elevation or 0.0) for entity in entities}
@@ -93,31 +109,79 @@ def read_storeys(model: ifcopenshell.file, building_guid: str = "") -> list[IfcS
     storeys = []
     for entity, placement_level in zip(entities, placement_levels, strict=True):
         building = find_building(entity)
-        guid = building.GlobalId if building is not None else ""
-        if building_guid and guid and guid != building_guid:
+        if selected is not None and building is not None and building.id() != selected.id():
             continue
         level = float(entity.Elevation or 0.0) if placement_level is None or placements_equal else placement_level
-        storeys.append(IfcStorey(name=_name_storey(entity), level_m=level * unit_m, building=guid))
-    return sorted(storeys, key=lambda storey: (storey.level_m, storey.name))
+        storeys.append(
+            IfcStorey(
+                name=_name_entity(entity),
+                level_m=level * unit_m,
+                step_id=entity.id(),
+                building=buildings[building.id()] if building is not None else "",
+            )
+        )
+    storeys.sort(key=lambda storey: (storey.level_m, storey.name, str(model.by_id(storey.step_id).GlobalId)))
+    return _tell_storeys_apart(storeys)
+
+
+def _tell_storeys_apart(storeys: Sequence[IfcStorey]) -> list[IfcStorey]:
+    buildings_of: dict[str, set[str]] = {}
+    for storey in storeys:
+        buildings_of.setdefault(storey.name, set()).add(storey.building)
+    named = [
+        f"{storey.name}, {storey.building}" if len(buildings_of[storey.name]) > 1 and storey.building else storey.name
+        for storey in storeys
+    ]
+    labels = _number_same_names(list(enumerate(named)))
+    return [replace(storey, name=labels[index]) for index, storey in enumerate(storeys)]
+
+
+def _number_same_names(names: Sequence[tuple[int, str]]) -> dict[int, str]:
+    """Names by key; those that occur several times get a number in the order given."""
+    count = Counter(name for _, name in names)
+    seen: Counter[str] = Counter()
+    labels = {}
+    for key, name in names:
+        seen[name] += 1
+        label = f"{name} ({seen[name]})" if count[name] > 1 else name
+        while label != name and label in count:  # a name that has such a number itself
+            seen[name] += 1
+            label = f"{name} ({seen[name]})"
+        labels[key] = label
+    return labels
 
 
 def assign_storey(
-    element: ifcopenshell.entity_instance, storeys: Sequence[IfcStorey], bottom_ifc_m: float
+    element: ifcopenshell.entity_instance,
+    storeys: Sequence[IfcStorey],
+    bottom_ifc_m: float,
+    buildings: Mapping[int, str],
 ) -> StoreyAssignment:
-    """Assign a storey by the element's containment, else its host's, else by ``bottom_ifc_m``, the lowest level."""
-    contained = _find_container_storey(element)
+    """Assign a storey by the element's containment, else its host's, else by its lowest level.
+
+    Args:
+        element: the element.
+        storeys: the model's storeys, sorted by level.
+        bottom_ifc_m: the element's lowest level.
+        buildings: labels of the buildings by STEP id.
+
+    Returns:
+        The storey and how it was found.
+    """
+    names = {storey.step_id: storey.name for storey in storeys}
+    contained = _find_container_storey(element, names)
     if contained:
         return StoreyAssignment(name=contained, source=CONTAINMENT)
     host, visited = find_host(element), {element.id()}
     while host is not None and host.id() not in visited:
         visited.add(host.id())
-        contained = _find_container_storey(host)
+        contained = _find_container_storey(host, names)
         if contained:
             return StoreyAssignment(name=contained, source=HOST)
         host = find_host(host)
     building = find_building(element)
-    same_building = [storey for storey in storeys if building is None or storey.building in ("", building.GlobalId)]
-    candidates = same_building or storeys
+    own = "" if building is None else buildings[building.id()]
+    candidates = [storey for storey in storeys if not own or storey.building in ("", own)] or storeys
     if not candidates:
         return StoreyAssignment(name="", source="")
     below = [storey for storey in candidates if storey.level_m <= bottom_ifc_m + _FLOOR_TOLERANCE_M]
@@ -131,15 +195,18 @@ def _read_placement_level(storey: ifcopenshell.entity_instance) -> float | None:
     return float(ifcopenshell.util.placement.get_local_placement(storey.ObjectPlacement)[2, 3])
 
 
-def _find_container_storey(element: ifcopenshell.entity_instance) -> str:
+def _find_container_storey(element: ifcopenshell.entity_instance, names: Mapping[int, str]) -> str:
     """Name of the storey that contains the element; "" if there is none."""
-    container = find_container(element)
-    while container is not None:
+    container, visited = find_container(element), set[int]()
+    while container is not None and container.id() not in visited:
+        visited.add(container.id())
         if container.is_a("IfcBuildingStorey"):
-            return _name_storey(container)
+            return names.get(container.id(), _name_entity(container))
         container = ifcopenshell.util.element.get_aggregate(container)
     return ""
 
 
-def _name_storey(storey: ifcopenshell.entity_instance) -> str:
-    return str(storey.Name or storey.LongName or storey.GlobalId)
+def _name_entity(entity: ifcopenshell.entity_instance) -> str:
+    """Name, LongName or GlobalId, the first that is set."""
+    texts = (str(value).strip() for value in (entity.Name, entity.LongName, entity.GlobalId) if value)
+    return next((text for text in texts if text), f"#{entity.id()}")

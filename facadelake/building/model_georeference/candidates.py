@@ -5,15 +5,17 @@ Every assumption is recorded in ``remarks``; ``docs/georeference-levels.md`` lis
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import ifcopenshell
 import numpy as np
+import pyproj
+from pyproj.exceptions import CRSError
 
 from facadelake.building.model_georeference.control_pairs import ControlPair, fit_placement
-from facadelake.building.model_georeference.crs_parsing import parse_vertical_datum, split_crs
-from facadelake.building.model_georeference.ifc_crs import read_crs
+from facadelake.building.model_georeference.ifc_crs import IfcCrs, read_crs, resolve_crs
+from facadelake.building.model_georeference.length_units import LengthUnit
 from facadelake.building.model_georeference.map_conversion import list_placements, read_coordinate_operation
 from facadelake.building.model_georeference.map_placement import (
     MIN_MAP_COORDINATE_M,
@@ -28,8 +30,8 @@ from facadelake.building.model_georeference.site_placement import (
     place_on_globe,
     read_geographic_operation,
     read_site_anchor,
-    read_true_north_deg,
-    read_world_matrix,
+    read_true_norths_deg,
+    read_world_matrices,
     utm_from_lon_lat,
 )
 from facadelake.core.arrays import Float64Array
@@ -45,14 +47,18 @@ class GeoreferenceCandidates:
 
     ``as_map_coordinates`` interprets the model's coordinates as map coordinates. ``accept_level`` is the lowest
     LoGeoRef level that the portfolio accepts although its accuracy is metres. ``true_north_deg``: see
-    ``read_true_north_deg``. ``lower_levels`` describes the IFC's georeference below level 30, for error messages.
+    ``read_true_norths_deg``. ``site`` is IfcSite's latitude and longitude, None if not given. ``conflicts`` are
+    statements of the IFC that contradict one another, by the level that would use them. ``remarks`` apply to all.
     """
 
     candidates: tuple[ModelGeoreference, ...]
     as_map_coordinates: ModelGeoreference
     accept_level: int | None
     true_north_deg: float | None
+    site: GeographicAnchor | None
     lower_levels: str
+    conflicts: Mapping[str, str]
+    remarks: tuple[str, ...]
 
 
 def find_georeferences(
@@ -63,6 +69,7 @@ def find_georeferences(
     placement: MapPlacement | None = None,
     control: Sequence[ControlPair] = (),
     accept_level: int | None = None,
+    map_unit: LengthUnit | None = None,
 ) -> GeoreferenceCandidates:
     """Find the possible georeferences of a model; the portfolio's statements take precedence over the IFC's.
 
@@ -73,52 +80,60 @@ def find_georeferences(
         placement: placement of the model on the map by the portfolio.
         control: pairs of points of the model and of the map by the portfolio; used before ``placement``.
         accept_level: lowest LoGeoRef level that is accepted although its accuracy is metres.
+        map_unit: unit of the IFC's map coordinates by the portfolio; None takes MapUnit.
 
     Returns:
         The candidates, the preferred one first; ``select_georeference`` checks them against the geometry.
 
     Raises:
-        GeoreferenceError: the CRS or the vertical datum is neither in the IFC nor given, a statement is invalid, or
-            PROJ lacks a grid.
+        GeoreferenceError: the CRS or the vertical datum is neither in the IFC nor given, a statement is invalid, two
+            statements of the IFC differ, or PROJ lacks a grid.
     """
-    site, geographic = read_site_anchor(model), read_geographic_operation(model)
+    by_registry = bool(control) or placement is not None
+    site, site_conflict = read_site_anchor(model)
+    geographic = None if by_registry else read_geographic_operation(model)
     lower_levels = _describe_lower_levels(model, site)
-    ifc_crs, ifc_vertical = read_crs(model)
+    stated = _read_stated_crs(model, is_replaced=by_registry and map_crs is not None and vertical_datum is not None)
+    if geographic is None and not by_registry:
+        _require_projected_target(model, stated)
     if map_crs is None and geographic is not None:
         map_crs = utm_from_lon_lat(geographic.lon_deg, geographic.lat_deg)
-    if map_crs is None and ifc_crs is None and site is not None and accept_level is not None:
+    if map_crs is None and stated.name is None and site is not None and accept_level is not None:
         map_crs = utm_from_lon_lat(site.lon_deg, site.lat_deg)
-    if map_crs is None and ifc_crs is None:
+    if map_crs is None and stated.name is None:
         raise GeoreferenceError(
             f"the IFC names no projected CRS ({lower_levels}); "
             "add IfcProjectedCRS to it, or set crs.map in the portfolio, such as EPSG:25832"
         )
-    horizontal, vertical_of_crs = split_crs(map_crs or ifc_crs or "")
-    vertical = vertical_datum and parse_vertical_datum(vertical_datum)
-    vertical = vertical or vertical_of_crs or (ifc_vertical and parse_vertical_datum(ifc_vertical))
-    if not vertical:
-        raise GeoreferenceError(
-            f"neither the IFC nor the portfolio states the vertical datum of the model's heights (CRS {horizontal}); "
-            "set crs.vertical in the portfolio: 'ellipsoidal', or a vertical CRS such as EPSG:5783 (DHHN92)"
-        )
+    # The CRS of an operation in degrees is geographic: it is the operation's, not the map's.
+    crs = resolve_crs(map_crs, vertical_datum, replace(stated, name=None) if geographic is not None else stated)
     as_map = ModelGeoreference(
         placement=MapPlacement(east_m=0.0, north_m=0.0, height_m=0.0),
-        map_crs=horizontal,
-        vertical_datum=vertical,
+        map_crs=crs.horizontal,
+        vertical_datum=crs.vertical,
         level="30",
-        remarks=f"the model's coordinates (placements and geometry) are taken as coordinates of {horizontal}",
+        remarks=f"the model's coordinates (placements and geometry) are taken as coordinates of {crs.horizontal}",
     )
-    north = read_true_north_deg(model)
+    worlds = read_world_matrices(model)
+    norths = read_true_norths_deg(model)
+    north = norths[0] if norths else None
     if control:
-        fitted, residuals = fit_placement(control, horizontal, vertical)
+        fitted, residuals = fit_placement(control, crs.horizontal, crs.vertical)
         found = [replace(as_map, placement=fitted, level=REGISTRY_LEVEL, remarks=residuals)]
     elif placement:
         found = [replace(as_map, placement=placement, level=REGISTRY_LEVEL, remarks="")]
     elif geographic is not None:
         found = [_georeference_from_globe(geographic, as_map, north, "50")]
     else:
-        found = _read_ifc_candidates(model, as_map, site, north)
-    if read_world_matrix(model) is not None:
+        if len(worlds) > 1:
+            raise GeoreferenceError(
+                "the IFC's contexts have different WorldCoordinateSystems (translations "
+                f"{[np.round(world[:3, 3], 3).tolist() for world in worlds]} m); export it with one, or set "
+                "crs.placement in the portfolio"
+            )
+        world = worlds[0] if worlds else None
+        found = _read_ifc_candidates(model, as_map, site, north, world, map_unit)
+    if worlds:
         found = [candidate if candidate.level == "40" else _note_unused_world(candidate) for candidate in found]
     # Raises if PROJ lacks a grid, before the elements are meshed.
     (found[0] if found else as_map).is_in_area_of_use(np.zeros(3))
@@ -127,15 +142,55 @@ def find_georeferences(
         as_map_coordinates=as_map,
         accept_level=accept_level,
         true_north_deg=north,
+        site=site,
         lower_levels=lower_levels,
+        conflicts=_list_conflicts(norths, site_conflict, geographic),
+        remarks=crs.remarks,
     )
 
 
+def _read_stated_crs(model: ifcopenshell.file, *, is_replaced: bool) -> IfcCrs:
+    """The IFC's CRS; contradictions in it do not matter where the portfolio replaces all of it."""
+    try:
+        return read_crs(model)
+    except GeoreferenceError:
+        if not is_replaced:
+            raise
+        return IfcCrs(name=None, vertical=None, description="", other={})
+
+
+def _list_conflicts(
+    norths_deg: Sequence[float], site_conflict: str, geographic: GeographicAnchor | None
+) -> dict[str, str]:
+    """Contradictions in the IFC by the level that would use the statements."""
+    conflicts = {}
+    if len(norths_deg) > 1:
+        listed = ", ".join(f"{angle:.3f}" for angle in norths_deg)
+        text = f"the IFC's contexts state different TrueNorth ({listed} deg from the y axis)"
+        conflicts = dict.fromkeys(("20", "40", *(("50",) if geographic is not None else ())), text)
+    if site_conflict:
+        conflicts["20"] = site_conflict
+    return conflicts
+
+
 def _read_ifc_candidates(
-    model: ifcopenshell.file, as_map: ModelGeoreference, site: GeographicAnchor | None, north_deg: float | None
+    model: ifcopenshell.file,
+    as_map: ModelGeoreference,
+    site: GeographicAnchor | None,
+    north_deg: float | None,
+    world: Float64Array | None,
+    map_unit: LengthUnit | None,
 ) -> list[ModelGeoreference]:
-    """Candidates that the IFC itself states, the highest level first."""
-    world = read_world_matrix(model)
+    """Candidates that the IFC itself states, the highest level first.
+
+    Args:
+        model: the IFC.
+        as_map: its coordinates taken as map coordinates.
+        site: position of IfcSite.
+        north_deg: true north, see ``read_true_norths_deg``.
+        world: WorldCoordinateSystem (4, 4) in metres; None if it is the identity.
+        map_unit: the portfolio's unit of map coordinates.
+    """
     operation = read_coordinate_operation(model)
     if operation is not None:
         if world is not None:  # readers disagree on its direction
@@ -146,8 +201,17 @@ def _read_ifc_candidates(
                 "the portfolio"
             )
         return [
-            replace(as_map, placement=placement, level="50", remarks=remarks)
-            for placement, remarks in list_placements(model, operation, as_map.map_crs)
+            replace(
+                as_map,
+                placement=stated.placement,
+                level="50",
+                remarks=stated.remarks,
+                sigma_m=stated.sigma_m,
+                reading=stated.reading,
+                contradicts=stated.contradicts,
+                height_unit_m=stated.unit_m,
+            )
+            for stated in list_placements(model, operation, as_map.map_crs, map_unit)
         ]
     found = [as_map]
     if world is not None and np.hypot(*world[:2, 3]) > MIN_MAP_COORDINATE_M:
@@ -155,6 +219,21 @@ def _read_ifc_candidates(
     if site is not None and is_in_area_of_use(as_map.map_crs, site.lon_deg, site.lat_deg, AREA_MARGIN_DEG):
         found.append(_georeference_from_globe(site, as_map, north_deg, "20"))
     return found
+
+
+def _require_projected_target(model: ifcopenshell.file, stated: IfcCrs) -> None:
+    """Raise if the map conversion's own CRS is geographic: its values are degrees, whatever the portfolio's CRS."""
+    try:
+        crs = pyproj.CRS.from_user_input(stated.name) if stated.name else None
+    except CRSError:
+        return
+    operation = read_coordinate_operation(model) if crs is not None and crs.is_geographic else None
+    if crs is not None and operation is not None:
+        raise GeoreferenceError(
+            f"{operation.kind} has the target CRS '{stated.name}' ({crs.name}), whose coordinates are degrees, not a "
+            f"projected CRS (east {operation.east:g}, north {operation.north:g}); export it with a projected CRS, or "
+            "set crs.map and crs.placement (or crs.control) in the portfolio"
+        )
 
 
 def _note_unused_world(candidate: ModelGeoreference) -> ModelGeoreference:

@@ -12,7 +12,19 @@ from pyproj.exceptions import CRSError
 from facadelake.core.errors import GeoreferenceError
 
 ELLIPSOIDAL = "ellipsoidal"
-_ELLIPSOIDS = {"ellipsoid", "ellipsoidal", "grs80", "grs 80", "grs1980", "grs 1980", "wgs84", "wgs 84", "etrs89"}
+# A datum that is stated as an ellipsoid, by its whole text: "reference ellipsoid GRS80, heights DHHN92" is not.
+_ELLIPSOID = r"(?:grs ?(?:19)?80|wgs ?(?:19)?84|etrs ?(?:19)?89)"
+_ELLIPSOIDAL = re.compile(
+    rf"(?:ellipsoid(?:al|ic)?(?: heights?)?(?:,? ?(?:of |on |over |above )?\(?(?:the )?{_ELLIPSOID}(?: ellipsoid)?\)?)?"
+    rf"|{_ELLIPSOID}(?: ellipsoid(?:al)?(?: heights?)?)?)",
+    re.IGNORECASE,
+)
+_HEIGHT_STATEMENT = re.compile(
+    rf"(?:all )?heights?(?: are| is|:| =)? ?(?:{_ELLIPSOIDAL.pattern})"
+    rf"|(?=ellipsoid(?:al|ic) heights?){_ELLIPSOIDAL.pattern}",
+    re.IGNORECASE,
+)
+_MENTIONS_HEIGHT = re.compile(r"height|vertical|geoid|orthometric|elevation|level|ellipsoidal", re.IGNORECASE)
 _CODE = re.compile(r"^(?:urn:ogc:def:crs:)?EPSG:{1,2}(\d+)$|^(\d{4,5})$", re.IGNORECASE)
 
 
@@ -48,7 +60,7 @@ def parse_vertical_datum(text: str) -> str:
     Raises GeoreferenceError if PROJ knows no such vertical CRS, or more than one.
     """
     name = text.strip()
-    if name.lower() in _ELLIPSOIDS or "ellipsoid" in name.lower():
+    if _ELLIPSOIDAL.fullmatch(name):
         return ELLIPSOIDAL
     code = _CODE.match(name)
     if code and (code[1] or code[2]) in get_codes("EPSG", PJType.CRS, allow_deprecated=True):
@@ -64,6 +76,27 @@ def parse_vertical_datum(text: str) -> str:
             "vertical CRS such as EPSG:5783 (DHHN92)"
         )
     return f"EPSG:{same[0].code}"
+
+
+def find_ellipsoidal_heights(description: str) -> str:
+    """ "ellipsoidal" if a clause of the description states it of the heights; "" if none does, or others mention them.
+
+    Clauses end at a comma, a semicolon, a full stop or a new line. "ETRS89 / UTM zone 32N; heights are ellipsoidal"
+    states it; "reference ellipsoid GRS80, heights DHHN92" does not.
+    """
+    clauses = [clause.strip() for clause in re.split(r"[,;\n]|\.(?:\s|$)", description) if clause.strip()]
+    statements = [clause for clause in clauses if _HEIGHT_STATEMENT.fullmatch(clause)]
+    others = [clause for clause in clauses if clause not in statements]
+    if not statements or any(_MENTIONS_HEIGHT.search(clause) or _is_vertical_crs(clause) for clause in others):
+        return ""
+    return ELLIPSOIDAL
+
+
+def _is_vertical_crs(text: str) -> bool:
+    try:
+        return parse_vertical_datum(text) != ELLIPSOIDAL
+    except GeoreferenceError:
+        return False
 
 
 def _format_crs(crs: pyproj.CRS) -> str:

@@ -52,7 +52,9 @@ class ModelGeoreference:
 
     ``level`` is its LoGeoRef level (Clemen and Goerne 2019) or "registry". ``remarks`` lists the assumptions made.
     ``sigma_m`` is the standard deviation of the position where it follows from the kind of georeference; 0 where the
-    accuracy is that of the survey.
+    accuracy is that of the survey. ``reading`` names the unit in which map coordinates were read, where there are
+    several possible; ``contradicts`` the statement that this reading contradicts, empty if none; ``height_unit_m`` the
+    unit of the height, 0 where it is in metres by definition.
     """
 
     placement: MapPlacement
@@ -61,6 +63,9 @@ class ModelGeoreference:
     level: str
     remarks: str
     sigma_m: float = 0.0
+    reading: str = ""
+    contradicts: str = ""
+    height_unit_m: float = 0.0
 
     def geo_from_ifc(self, xyz_ifc_m: Float64Nx3) -> Float64Nx3:
         """Transform model points (n, 3) to EPSG:4979 (n, 3: lon_deg, lat_deg, height_ellipsoidal_m)."""

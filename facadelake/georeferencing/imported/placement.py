@@ -254,7 +254,9 @@ def _build_passport(
                 "scale": 1.0,
                 **validation.columns,
                 **{f"sigma_{axis}_m": float(s) for axis, s in zip(SITE_AXES, sigma_m, strict=True)},
-                "remarks": "; ".join([*imported.remarks, *assumptions, *remarks, *validation.remarks]),
+                "remarks": "; ".join(
+                    [*imported.remarks, *assumptions, *remarks, *validation.remarks, *site_frame.list_model_remarks()]
+                ),
             }
         ],
     )

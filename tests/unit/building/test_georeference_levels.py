@@ -305,7 +305,7 @@ def test_a_scale_that_is_a_wrong_unit_is_refused(write_ifc, schema, scale):
     ("conversion", "crs", "message"),
     [
         ({"Eastings": "456639,25"}, {}, "Eastings is '456639,25', not a number"),
-        ({}, {"MapUnit": "rod"}, "MapUnit is 'ROD'; known units are"),
+        ({}, {"MapUnit": "rod"}, "MapUnit is 'rod'; known units are"),
     ],
 )
 def test_ifc2x3_property_sets_with_bad_values(write_ifc, monkeypatch, conversion, crs, message):
