@@ -56,8 +56,8 @@ _ALL = [
     count("photos_localised", "photographs with a pose"),
     count("detections_total", "detections imported or made"),
     count("defects_total", "defects after deduplication"),
-    time("captured_from", "time of the first photograph"),
-    time("captured_to", "time of the last photograph"),
+    time("captured_from", "time of the first photograph (of the campaign, or of those that show the defect)"),
+    time("captured_to", "time of the last photograph (of the campaign, or of those that show the defect)"),
     time("started_at", "start of the run"),
     time("finished_at", "end of its stages and start of the commit"),
     text("inputs_sha256", "hash over photographs, model, detections, control points, settings and code"),
@@ -113,10 +113,16 @@ _ALL = [
     text("prior_warnings", "implausible metadata of the photograph, and how they were treated"),
     text("camera_serial", "serial number of the camera body or the drone, from XMP or EXIF"),
     text("lens_model", "model of the lens, from EXIF"),
+    text(
+        "image_source", "lens of a body with several (wide, zoom, thermal, visible, screen), from XMP or the file name"
+    ),
+    real("digital_zoom", "", "factor of the digital zoom, from EXIF or XMP; 1 for none", 1),
+    real("exif_focal_length_35mm_mm", "mm", "FocalLengthIn35mmFilm as EXIF states it", 0),
     count("flight", "number of the flight (one body, one take-off, no long gap) within the campaign, from 1", 1),
     Column(
         name="rtk_flag", kind=Kind.INTEGER, meaning="RtkFlag of the XMP: 50 fixed, 32 to 49 float, 16 single, 0 none"
     ),
+    time("captured_at", "time of the observation's photograph (taken_at); null where its clock was not set"),
     # poses
     text("pose_source", "method of the pose", PoseSource),
     real("qw", "", "site_from_cam as a unit quaternion, real part", -1, 1),
@@ -286,6 +292,9 @@ _ALL = [
     count("photo_count", "photographs that show the defect", 1),
     real("spread_m", "m", "largest distance of an observation from the defect's position", 0),
     text("best_photo_id", "photograph with the best view of the defect (smallest GSD over cosine of incidence)"),
+    text(
+        "best_photo_uri", "path of the photograph best_photo_id: campaigns.photographs_uri, a slash, and best_photo_id"
+    ),
     text("severity", "grade by severity_rule; a proposal, not a person's judgement"),
     text("severity_rule", "rule pack and its version"),
     Column(name="geometry", kind=Kind.GEOMETRY, meaning="position (point) or footprint (polygon)", unit=GEO_CRS),

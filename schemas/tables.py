@@ -98,7 +98,7 @@ _LIST = [
         "prior_height_datum prior_height_relative_m? prior_sigma_horizontal_m? prior_sigma_vertical_m? prior_yaw_deg? "
         "prior_pitch_deg? prior_roll_deg? prior_sigma_yaw_deg? prior_sigma_tilt_deg? prior_evidence? "
         "prior_focal_px? prior_sigma_focal_px? prior_focal_evidence? prior_calibration? prior_warnings? "
-        "camera_serial? lens_model? flight? rtk_flag?",
+        "camera_serial? lens_model? flight? rtk_flag? image_source? digital_zoom? exif_focal_length_35mm_mm?",
     ),
     _table(
         "poses",
@@ -158,7 +158,7 @@ _LIST = [
         "sigma_east_m? sigma_north_m? sigma_up_m? covariance_site? incidence_deg? distance_m? "
         "gsd_mm? width_m? height_m? length_m? area_m2? crack_width_mm? crack_width_max_mm? crack_width_sigma_mm? "
         "crack_width_limit_mm? crack_length_m? crack_width_outcome? target_share occluder_gap_m? element_guid? "
-        "storey? facade? patch? geometry?",
+        "storey? facade? patch? geometry? captured_at?",
         may_be_empty=True,
     ),
     _table(
@@ -170,7 +170,8 @@ _LIST = [
         "sigma_up_m? covariance_site? position_method? deviation_from_model_m? deviation_sigma_m? "
         "width_m height_m length_m? area_m2 crack_width_mm? crack_width_max_mm? crack_width_sigma_mm? "
         "crack_width_limit_mm? crack_length_m? crack_width_outcome? spread_m photo_count score best_photo_id "
-        "element_guid ifc_class element_name? material? storey? facade patch? geometry facade_azimuth_deg?",
+        "element_guid ifc_class element_name? material? storey? facade patch? geometry facade_azimuth_deg? "
+        "captured_from? captured_to? best_photo_uri?",
         may_be_empty=True,
     ),
     _table(

@@ -21,11 +21,19 @@ class PhotoRole(StrEnum):
 
 
 class PhotoOutcome(StrEnum):
-    """Whether a file in the photographs' folder is used."""
+    """Whether a file in the photographs' folder is used.
+
+    The last four are readable and kept out of the block, unless the portfolio uses them: thermal pictures, panoramas,
+    single spectral bands, and photographs of a lens that fires together with another one of its body.
+    """
 
     ACCEPTED = "accepted"
     UNREADABLE = "unreadable"
     DUPLICATE = "duplicate"
+    THERMAL = "thermal"
+    PANORAMA = "panorama"
+    SPECTRAL_BAND = "spectral_band"
+    OTHER_LENS = "other_lens"
 
 
 class PositionSource(StrEnum):

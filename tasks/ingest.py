@@ -12,6 +12,7 @@ from facadelake.building.surface import build_horizontal_distance
 from facadelake.core.hashing import hash_file, hash_files
 from facadelake.core.tables import write_table
 from facadelake.photos import find_photographs, ingest_photographs, read_registered_positions
+from schemas.vocabulary import PhotoOutcome
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 
@@ -35,6 +36,7 @@ def ingest(job: InspectionJob, model: StageResult | None) -> StageResult:
             distance_to_model_m=distance,
             close_range_below_m=close_range_below_m,
             positions=read_registered_positions(building, campaign_id),
+            used_kinds=[PhotoOutcome(kind) for kind in building.use_photographs],
         )
         write_table("photos", photos, folder)
         return Counter(photos.column("photo_outcome").to_pylist())
@@ -45,5 +47,6 @@ def ingest(job: InspectionJob, model: StageResult | None) -> StageResult:
         "positions": building.positions.model_dump(exclude={"file"}) if building.positions else None,
         "position_file": [position_file.name, hash_file(position_file)] if position_file else None,
         "close_range_below_m": close_range_below_m,
+        "use_photographs": list(building.use_photographs),
     }
     return run_stage(job, "ingest", reads={"model": model}, inputs=inputs, make=make)

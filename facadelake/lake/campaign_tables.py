@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from importlib.metadata import version
@@ -85,6 +85,46 @@ def build_campaign_row(photographs_uri: str, tables: Mapping[str, pa.Table]) -> 
     }
 
 
+def add_capture_times(photographs_uri: str, tables: Mapping[str, pa.Table]) -> dict[str, pa.Table]:
+    """The stage tables with the times of observations and defects, and the path of each defect's best photograph.
+
+    A photograph without a time, or taken while the clock was not set, gives no time.
+
+    Args:
+        photographs_uri: folder of the photographs.
+        tables: the tables that the stages made, by name.
+    """
+    taken_at = dict(zip(*(tables["photos"][name].to_pylist() for name in ("photo_id", "taken_at")), strict=True))
+    observations, defects = tables["observations"], tables["defects"]
+    captured_at = [taken_at.get(photo_id) for photo_id in observations["photo_id"].to_pylist()]
+    times: dict[str | None, list[datetime]] = {}
+    for defect_id, time in zip(observations["defect_id"].to_pylist(), captured_at, strict=True):
+        if time is not None:
+            times.setdefault(defect_id, []).append(time)
+    of_defect = [times.get(defect_id, []) for defect_id in defects["defect_id"].to_pylist()]
+    return {
+        **tables,
+        "observations": _set_columns(observations, {"captured_at": captured_at}),
+        "defects": _set_columns(
+            defects,
+            {
+                "captured_from": [min(found, default=None) for found in of_defect],
+                "captured_to": [max(found, default=None) for found in of_defect],
+                "best_photo_uri": [f"{photographs_uri}/{name}" for name in defects["best_photo_id"].to_pylist()],
+            },
+        ),
+    }
+
+
+def _set_columns(table: pa.Table, values: Mapping[str, Sequence[Any]]) -> pa.Table:
+    """The table with the values of existing columns replaced."""
+    for name, column in values.items():
+        index = table.column_names.index(name)
+        field = table.schema.field(name)
+        table = table.set_column(index, field, pa.array(column, field.type))
+    return table
+
+
 def build_campaign_tables(
     run: RunRecord, building: BuildingRecord, photographs_uri: str, stage_tables: Mapping[str, pa.Table]
 ) -> dict[str, pa.Table]:
@@ -100,7 +140,7 @@ def build_campaign_tables(
         "buildings": table_from_rows("buildings", [building.build_row()]),
         "campaigns": table_from_rows("campaigns", [build_campaign_row(photographs_uri, stage_tables)]),
         "runs": table_from_rows("runs", [run.build_row()]),
-        **stage_tables,
+        **add_capture_times(photographs_uri, stage_tables),
     }
 
 

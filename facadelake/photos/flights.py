@@ -9,6 +9,8 @@ AbsoluteAltitude - RelativeAltitude has a step. One flight too many costs little
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -24,7 +26,7 @@ _STEP_PHOTOGRAPHS = 3
 
 @dataclass(frozen=True, kw_only=True)
 class Exposure:
-    """Body, time, flight id of the maker (or empty) and take-off height of one photograph.
+    """Body, lens, time, flight id of the maker (or empty) and take-off height of one photograph.
 
     ``take_off_height_m`` is AbsoluteAltitude - RelativeAltitude, NaN where either is missing.
     """
@@ -32,6 +34,7 @@ class Exposure:
     photo_id: str
     body: str
     taken_at: datetime | None
+    lens: str = ""
     flight_id: str = ""
     take_off_height_m: float = math.nan
 
@@ -65,13 +68,38 @@ def _get_sort_key(exposure: Exposure) -> tuple[float, str]:
 def _split_at_gaps(timed: list[int], exposures: Sequence[Exposure]) -> list[list[int]]:
     """The photographs of one body in order of time, split at gaps and at new take-offs."""
     groups: list[list[int]] = []
-    heights = [exposures[i].take_off_height_m for i in timed]
+    heights = _unify_lens_heights([exposures[i] for i in timed])
     for k, i in enumerate(timed):
         gap_s = _get_sort_key(exposures[i])[0] - _get_sort_key(exposures[timed[k - 1]])[0] if k else math.inf
         if gap_s > LONGEST_GAP_S or _is_new_take_off(heights, k):
             groups.append([])
         groups[-1].append(i)
     return groups
+
+
+def _unify_lens_heights(exposures: Sequence[Exposure]) -> list[float]:
+    """Take-off heights with the constant differences between the lenses of one body removed.
+
+    Lenses that fire in turns may state different heights; each change of lens would look like a new take-off.
+    """
+    heights = [exposure.take_off_height_m for exposure in exposures]
+    lenses = Counter(e.lens for e, height in zip(exposures, heights, strict=True) if math.isfinite(height))
+    if len(lenses) < 2:
+        return heights
+    main = lenses.most_common(1)[0][0]
+    rows_of_main = [k for k, e in enumerate(exposures) if e.lens == main and math.isfinite(heights[k])]
+    for lens in lenses.keys() - {main}:
+        rows = [k for k, e in enumerate(exposures) if e.lens == lens and math.isfinite(heights[k])]
+        difference = median(heights[k] - heights[_find_nearest(rows_of_main, k)] for k in rows)
+        for k in rows:
+            heights[k] -= difference
+    return heights
+
+
+def _find_nearest(rows: list[int], k: int) -> int:
+    """The element of the sorted ``rows`` nearest to ``k``."""
+    place = bisect_left(rows, k)
+    return min(rows[max(0, place - 1) : place + 1], key=lambda row: abs(row - k))
 
 
 def _is_new_take_off(heights: list[float], k: int) -> bool:

@@ -20,7 +20,7 @@ SHARE_FOCAL_PLANE = 0.02
 SHARE_35MM = 0.06
 # Largest absolute logarithm of the ratio of two values of one photograph; beyond it one of them is wrong (digital zoom,
 # another lens, resizing).
-_MAX_LOG_RATIO = 0.25
+MAX_LOG_RATIO = 0.25
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,10 +51,10 @@ def derive_focal_prior(drone: DroneMetadata | None, exif: ExifMetadata, *, width
         The prior; its ``px`` is NaN where no focal length is stated.
     """
     by_exif = _read_exif_focal(exif, width_px, height_px)
-    calibrated = _read_drone_focal(drone, width_px, height_px) if drone is not None else FocalPrior()
+    calibrated = derive_calibrated_focal(drone, width_px=width_px, height_px=height_px)
     if not math.isfinite(calibrated.px):
         return by_exif
-    if math.isfinite(by_exif.px) and abs(math.log(calibrated.px / by_exif.px)) > _MAX_LOG_RATIO:
+    if math.isfinite(by_exif.px) and abs(math.log(calibrated.px / by_exif.px)) > MAX_LOG_RATIO:
         return FocalPrior(
             px=by_exif.px,
             sigma_px=by_exif.sigma_px,
@@ -65,11 +65,16 @@ def derive_focal_prior(drone: DroneMetadata | None, exif: ExifMetadata, *, width
     return calibrated
 
 
+def derive_calibrated_focal(drone: DroneMetadata | None, *, width_px: int, height_px: int) -> FocalPrior:
+    """The focal length by the maker's calibration or design alone; its ``px`` is NaN where none is stated."""
+    return _read_drone_focal(drone, width_px, height_px) if drone is not None else FocalPrior()
+
+
 def _read_exif_focal(exif: ExifMetadata, width_px: int, height_px: int) -> FocalPrior:
     by_plane = exif.focal_plane_focal_px
     by_35mm = exif.focal_length_35mm_mm * math.hypot(width_px, height_px) / FULL_FRAME_DIAGONAL_MM
     # The focal plane resolution has more digits, but some phones write wrong values: it must agree with the equivalent.
-    plane_is_consistent = math.isnan(by_35mm) or abs(math.log(by_plane / by_35mm)) < _MAX_LOG_RATIO
+    plane_is_consistent = math.isnan(by_35mm) or abs(math.log(by_plane / by_35mm)) < MAX_LOG_RATIO
     if math.isfinite(by_plane) and plane_is_consistent:
         evidence = "EXIF FocalLength and FocalPlaneXResolution"
         return FocalPrior(px=by_plane, sigma_px=SHARE_FOCAL_PLANE * by_plane, evidence=evidence)

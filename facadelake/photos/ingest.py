@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +17,10 @@ from facadelake.core.tables import Row, table_from_rows
 from facadelake.photos.clock import is_clock_set
 from facadelake.photos.exif import FULL_FRAME_DIAGONAL_MM
 from facadelake.photos.files import find_photographs
+from facadelake.photos.picture_kinds import KeptOut, find_kept_out
 from facadelake.photos.position_file import PositionFile
 from facadelake.photos.position_matching import match_positions
-from facadelake.photos.priors import PhotoMetadata, PhotoPriors, derive_priors
+from facadelake.photos.priors import PhotoMetadata, PhotoPriors, assign_to_flights, derive_priors
 from facadelake.photos.read import Photo, read_photos
 from schemas.vocabulary import HeightDatum, PhotoOutcome, PhotoRole, PositionSource
 
@@ -33,7 +35,7 @@ def _role_from_folder(photo_id: str) -> PhotoRole | None:
 
 def _assign_roles(
     photo_ids: Sequence[str],
-    priors: dict[str, PhotoPriors],
+    priors: Mapping[str, PhotoPriors],
     distance_to_model_m: Callable[[Float64Nx2], Float64N] | None,
     close_range_below_m: float,
 ) -> list[PhotoRole]:
@@ -52,14 +54,25 @@ def _assign_roles(
     return [role or PhotoRole.MULTIVIEW for role in roles]
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Campaign:
+    """Priors by photo_id of the readable photographs, originals of duplicates, photographs kept out of the block."""
+
+    priors: Mapping[str, PhotoPriors]
+    original_of: Mapping[str, str]
+    kept_out: Mapping[str, KeptOut]
+
+
 def _derive_priors(
     photos: dict[str, Photo],
     distance_to_model_m: Callable[[Float64Nx2], Float64N] | None,
     positions: PositionSource | PositionFile | None,
-) -> tuple[dict[str, PhotoPriors], dict[str, str]]:
-    """The priors of the readable photographs by photo_id, and for each duplicate the photo_id of its original.
+    used_kinds: Collection[PhotoOutcome],
+) -> _Campaign:
+    """The priors of the readable photographs.
 
-    A duplicate has the priors of its original and takes no part in the checks between photographs.
+    A duplicate has the priors of its original. Duplicates and photographs kept out of the block take no part in the
+    checks between photographs, nor in where flights begin and end.
     """
     first_of_hash: dict[str, str] = {}
     original_of: dict[str, str] = {}
@@ -79,15 +92,30 @@ def _derive_priors(
                 exif=photo.exif,
                 drone=photo.drone,
                 warnings=photo.metadata_warnings,
+                lens=photo.lens,
             )
         )
+    kept_out = find_kept_out(readable, used_kinds)
+    used = [photo for photo in readable if photo.photo_id not in kept_out]
+    others = [photo for photo in readable if photo.photo_id in kept_out]
+    from_file = None
     if isinstance(positions, PositionFile):
-        matched = match_positions(positions, [photo_id for photo_id, photo in photos.items() if photo.exif])
-        derived = derive_priors(readable, distance_to_model_m, from_file=matched.by_photo)
-    else:
-        derived = derive_priors(readable, distance_to_model_m, counts=positions)
-    priors = {photo.photo_id: prior for photo, prior in zip(readable, derived, strict=True)}
-    return priors | {duplicate: priors[first] for duplicate, first in original_of.items()}, original_of
+        from_file = match_positions(positions, [photo_id for photo_id, photo in photos.items() if photo.exif]).by_photo
+    counts = None if isinstance(positions, PositionFile) else positions
+    derived = derive_priors(used, distance_to_model_m, counts=counts, from_file=from_file)
+    flights = assign_to_flights(others, used, [prior.flight or 0 for prior in derived])
+    priors = {photo.photo_id: prior for photo, prior in zip(used, derived, strict=True)}
+    priors |= {
+        photo.photo_id: replace(prior, flight=flight)
+        for photo, prior, flight in zip(
+            others, derive_priors(others, counts=counts, from_file=from_file), flights, strict=True
+        )
+    }
+    return _Campaign(
+        priors=priors | {duplicate: priors[first] for duplicate, first in original_of.items()},
+        original_of=original_of,
+        kept_out=kept_out,
+    )
 
 
 def _finite_or_none(value: float | None) -> float | None:
@@ -118,6 +146,9 @@ def _build_row(photo_id: str, photo: Photo, role: PhotoRole, priors: PhotoPriors
         "camera_model": exif.model or None,
         "camera_serial": priors.serial or None,
         "lens_model": exif.lens_model or None,
+        "image_source": photo.lens.image_source or None,
+        "digital_zoom": photo.lens.digital_zoom,
+        "exif_focal_length_35mm_mm": _finite_or_none(exif.focal_length_35mm_mm),
         "focal_length_mm": _finite_or_none(exif.focal_length_mm),
         "focal_length_35mm_mm": _finite_or_none(focal.px * FULL_FRAME_DIAGONAL_MM / diagonal_px),
         "taken_at": exif.taken_at if is_clock_set(exif.taken_at) else None,
@@ -151,6 +182,7 @@ def ingest_photographs(
     distance_to_model_m: Callable[[Float64Nx2], Float64N] | None,
     close_range_below_m: float,
     positions: PositionSource | PositionFile | None = None,
+    used_kinds: Collection[PhotoOutcome] = (),
 ) -> pa.Table:
     """Table `photos` of all files below ``root``.
 
@@ -163,9 +195,10 @@ def ingest_photographs(
             None where it is unknown.
         close_range_below_m: photographs nearer than this are close-range, metres.
         positions: which positions count: those of XMP, of EXIF or of a file; None: XMP, else EXIF.
+        used_kinds: kinds of photographs to use that are kept out of the block by default.
 
     Returns:
-        One row for each file, also for those that cannot be read and for duplicates.
+        One row for each file, also for those that cannot be read, are kept out of the block, and for duplicates.
 
     Raises:
         InputDataError: there is no photograph, or none can be used.
@@ -179,15 +212,18 @@ def ingest_photographs(
         photo.path.relative_to(root).as_posix(): photo
         for photo in track(read_photos(paths), label="Reading photographs", total=len(paths))
     }
-    priors, original_of = _derive_priors(photos, distance_to_model_m, positions)
-    roles = _assign_roles(list(photos), priors, distance_to_model_m, close_range_below_m)
+    campaign = _derive_priors(photos, distance_to_model_m, positions, used_kinds)
+    roles = _assign_roles(list(photos), campaign.priors, distance_to_model_m, close_range_below_m)
     rows = [
-        _build_row(photo_id, photo, role, priors.get(photo_id))
+        _build_row(photo_id, photo, role, campaign.priors.get(photo_id))
         for (photo_id, photo), role in zip(photos.items(), roles, strict=True)
     ]
     for row in rows:
-        if row["photo_id"] in original_of:
-            first = original_of[row["photo_id"]]
+        if row["photo_id"] in campaign.kept_out:
+            kept_out = campaign.kept_out[row["photo_id"]]
+            row["photo_outcome"], row["reason"] = kept_out.outcome, kept_out.reason
+        if row["photo_id"] in campaign.original_of:
+            first = campaign.original_of[row["photo_id"]]
             row["photo_outcome"] = PhotoOutcome.DUPLICATE
             row["reason"] = f"same content as {first}; remove one of the two"
     if not any(row["photo_outcome"] == PhotoOutcome.ACCEPTED for row in rows):

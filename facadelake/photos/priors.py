@@ -12,12 +12,14 @@ from facadelake.photos.attitude_prior import AttitudePrior, apply_dji_pitch, der
 from facadelake.photos.clock import ClockReading, check_clocks, is_clock_set, seconds_from_time
 from facadelake.photos.drone_xmp import DroneMetadata
 from facadelake.photos.exif import ExifMetadata
-from facadelake.photos.flights import Exposure, assign_flights
-from facadelake.photos.focal_prior import FocalPrior, derive_focal_prior
+from facadelake.photos.flights import LONGEST_GAP_S, Exposure, assign_flights
+from facadelake.photos.focal_prior import FocalPrior, derive_calibrated_focal, derive_focal_prior
 from facadelake.photos.hemispheres import resolve_hemispheres
+from facadelake.photos.lens import NOTHING_SAID, LensMetadata
 from facadelake.photos.plausibility import TimedPrior, check_priors
 from facadelake.photos.position_matching import compare_with_metadata
 from facadelake.photos.position_prior import PositionPrior, derive_position_prior
+from facadelake.photos.zoom import ZoomReading, apply_zooms
 from schemas.vocabulary import PositionSource
 
 
@@ -31,6 +33,7 @@ class PhotoMetadata:
     exif: ExifMetadata
     drone: DroneMetadata | None
     warnings: tuple[str, ...] = ()
+    lens: LensMetadata = NOTHING_SAID
 
     @property
     def camera(self) -> str:
@@ -50,13 +53,16 @@ class PhotoMetadata:
 
 @dataclass(frozen=True, kw_only=True)
 class PhotoPriors:
-    """Priors of one photograph, serial number of its body, number of its flight (from 1) and all warnings."""
+    """Priors of one photograph, serial number of its body, number of its flight (from 1) and all warnings.
+
+    ``flight`` is None for a photograph kept out of the block that belongs to no flight of the others.
+    """
 
     position: PositionPrior
     attitude: AttitudePrior
     focal: FocalPrior
     serial: str
-    flight: int
+    flight: int | None
     warnings: tuple[str, ...]
 
     @property
@@ -107,16 +113,28 @@ def derive_priors(
         for photo, drone, flight in zip(photos, drones, flights, strict=True)
     ]
     positions = check_priors(timed, distance_to_model_m)
+    focals = apply_zooms(
+        [
+            ZoomReading(
+                camera=(photo.body, photo.exif.lens_model, photo.lens.image_source, photo.exif.focal_length_mm),
+                size_px=(photo.width_px, photo.height_px),
+                digital_zooms=photo.lens.digital_zooms,
+                focal_length_35mm_mm=photo.exif.focal_length_35mm_mm,
+                calibrated=derive_calibrated_focal(drone, width_px=photo.width_px, height_px=photo.height_px),
+                prior=derive_focal_prior(drone, photo.exif, width_px=photo.width_px, height_px=photo.height_px),
+            )
+            for photo, drone in zip(photos, drones, strict=True)
+        ]
+    )
     out = []
     for i, photo in enumerate(photos):
         attitude = derive_attitude_prior(drones[i], photo.exif)
-        focal = derive_focal_prior(drones[i], photo.exif, width_px=photo.width_px, height_px=photo.height_px)
-        warnings = (*photo.warnings, *positions[i].warnings, attitude.warning, focal.warning, clock_warnings[i])
+        warnings = (*photo.warnings, *positions[i].warnings, attitude.warning, focals[i].warning, clock_warnings[i])
         out.append(
             PhotoPriors(
                 position=positions[i],
                 attitude=attitude,
-                focal=focal,
+                focal=focals[i],
                 serial=photo.serial,
                 flight=flights[i],
                 warnings=tuple(warning for warning in warnings if warning),
@@ -140,6 +158,27 @@ def _choose_position(
     return replace(by_metadata, warnings=(*by_metadata.warnings, f"not in the positions file; {used}"))
 
 
+def assign_to_flights(
+    photos: Sequence[PhotoMetadata], others: Sequence[PhotoMetadata], flights: Sequence[int]
+) -> list[int | None]:
+    """The flights of ``photos`` that take no part in the block: that of the nearest in time of ``others``' same body.
+
+    ``flights`` are those of ``others``; None where the body has no photograph within the gap that ends a flight.
+    """
+    timed = [(photo.body, _get_time(photo), flight) for photo, flight in zip(others, flights, strict=True)]
+    found: list[int | None] = []
+    for photo in photos:
+        time = _get_time(photo)
+        near = [
+            (abs((at - time).total_seconds()), flight)
+            for body, at, flight in timed
+            if at is not None and time is not None and body == photo.body
+        ]
+        gap_s, flight = min(near, default=(math.inf, 0))
+        found.append(flight if gap_s <= LONGEST_GAP_S else None)
+    return found
+
+
 def _get_time(photo: PhotoMetadata) -> datetime | None:
     return photo.exif.taken_at if is_clock_set(photo.exif.taken_at) else None
 
@@ -149,6 +188,7 @@ def _build_exposure(photo: PhotoMetadata) -> Exposure:
     return Exposure(
         photo_id=photo.photo_id,
         body=photo.body,
+        lens=f"{photo.lens.image_source} {photo.exif.lens_model} {photo.width_px}",
         taken_at=_get_time(photo),
         flight_id=drone.flight_id if drone else "",
         take_off_height_m=drone.absolute_altitude_m - drone.relative_altitude_m if drone else math.nan,

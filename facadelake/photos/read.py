@@ -19,6 +19,7 @@ from facadelake.core.hashing import hash_file
 from facadelake.photos.drone_xmp import DroneMetadata, parse_drone_metadata
 from facadelake.photos.exif import ExifMetadata, read_exif
 from facadelake.photos.files import FORMATS_BY_SUFFIX, explain_unsupported
+from facadelake.photos.lens import NOTHING_SAID, LensMetadata, read_lens
 from facadelake.photos.xmp import parse_packet
 
 # Each thread decodes one photograph at a time, so that memory is limited to WORKERS decoded photographs.
@@ -52,6 +53,7 @@ class Photo:
     exif: ExifMetadata | None = None
     drone: DroneMetadata | None = None
     metadata_warnings: tuple[str, ...] = ()
+    lens: LensMetadata = NOTHING_SAID
 
 
 def decode_photograph(path: Path) -> DecodedImage:
@@ -146,6 +148,7 @@ def read_photo(path: Path) -> Photo:
     skipped = [f"EXIF is damaged ({message}): what is damaged of it is not used" for message in _PILLOW.messages]
     xmp = parse_packet(decoded.xmp)
     drone = parse_drone_metadata(xmp)
+    lens = read_lens(decoded.exif, xmp, decoded.xmp, path.name)
     return Photo(
         path=path,
         sha256=sha256,
@@ -158,6 +161,7 @@ def read_photo(path: Path) -> Photo:
         metadata_warnings=tuple(
             filter(None, (decoded.exif_damage, *skipped, *exif.warnings, *(xmp.warnings if xmp else ())))
         ),
+        lens=lens,
     )
 
 

@@ -14,6 +14,7 @@ from facadelake.registry.settings import (
     BuildingCrs,
     CocoDetectorSetting,
     Identifier,
+    KeptOutKind,
     OnnxDetectorSetting,
     PositionsSetting,
     Schedule,
@@ -32,8 +33,8 @@ class Building(StrictModel):
 
     ``model`` is an IFC, a mesh, or the keyword ``as-built`` for the as-built surface of the campaign where there is no
     model. ``model_building`` is the name of the IfcBuilding to use of an IFC with several. ``storeys`` are for models
-    without storeys. ``positions`` None: those of XMP, else of EXIF. The default of ``detector`` is the default detector
-    model.
+    without storeys. ``positions`` None: those of XMP, else of EXIF. ``use_photographs`` are kinds of photographs that
+    are kept out of the block by default. The default of ``detector`` is the default detector model.
     """
 
     id: Identifier
@@ -46,6 +47,7 @@ class Building(StrictModel):
     check_points: str | None = None
     poses: str | None = None
     positions: PositionsSetting | None = None
+    use_photographs: tuple[KeptOutKind, ...] = ()
     detector: Annotated[CocoDetectorSetting | OnnxDetectorSetting, Field(discriminator="kind")] = OnnxDetectorSetting(
         kind="onnx"
     )

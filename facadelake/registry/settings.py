@@ -43,6 +43,8 @@ def _check_identifier(text: str) -> str:
     return text
 
 
+# Kinds of photographs that are kept out of the block unless the portfolio uses them.
+KeptOutKind = Literal["thermal", "panorama", "spectral_band", "other_lens"]
 Identifier = Annotated[str, AfterValidator(_check_identifier)]
 
 

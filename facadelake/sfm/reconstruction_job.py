@@ -23,6 +23,11 @@ from schemas.vocabulary import PhotoOutcome, PhotoRole
 
 # COLMAP's default where the metadata state no focal length: 1.2 times the longer side.
 _DEFAULT_FOCAL_FACTOR = 1.2
+# Photographs that differ in one of these, in size or in the prior of the focal length are of different cameras.
+_CAMERA_COLUMNS = (
+    "camera_make", "camera_model", "camera_serial", "lens_model", "image_source", "focal_length_mm", "digital_zoom",
+    "exif_focal_length_35mm_mm",
+)  # fmt: skip
 
 
 def reconstruct(photos: pa.Table, photographs_root: Path, folder: Path, settings: ReconstructionSettings) -> None:
@@ -113,7 +118,8 @@ def read_prior_positions(rows: list[dict[str, Any]]) -> tuple[Float64Nx3, Float6
 def group_by_camera(rows: list[dict[str, Any]]) -> tuple[list[dict[str, Any]], list[int]]:
     """The cameras of the photographs, and the camera (index) of each photograph.
 
-    A camera is one body with one lens, image size and focal length (zoom).
+    A camera is one body with one lens, image size, focal length and digital zoom. Where two of its photographs state
+    different focal lengths by any tag, they are two cameras: one too many costs little, one too few bends the block.
     """
     index_of: dict[tuple[Any, ...], int] = {}
     cameras: list[dict[str, Any]] = []
@@ -121,9 +127,9 @@ def group_by_camera(rows: list[dict[str, Any]]) -> tuple[list[dict[str, Any]], l
     for row in rows:
         width, height = row["image_width_px"], row["image_height_px"]
         focal_px, known = _choose_focal_px(row)
-        body = tuple(row.get(name) for name in ("camera_make", "camera_model", "camera_serial", "lens_model"))
+        body = tuple(row.get(name) for name in _CAMERA_COLUMNS)
         # Metadata state focal lengths with two or three digits: closer ones are one setting of the zoom.
-        key = (*body, width, height, row["focal_length_mm"], f"{focal_px:.2e}" if known else "")
+        key = (*body, width, height, f"{focal_px:.2e}" if known else "")
         if key not in index_of:
             index_of[key] = len(cameras)
             cameras.append({"width_px": width, "height_px": height, "focal_px": focal_px, "focal_known": known})

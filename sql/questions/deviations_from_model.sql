@@ -17,7 +17,9 @@ SELECT
     element_guid,
     storey,
     facade,
-    best_photo_id
+    captured_to,
+    best_photo_id,
+    best_photo_uri
 FROM defects
 WHERE ($building_id::VARCHAR IS NULL OR building_id = $building_id)
   AND ($campaign_id::VARCHAR IS NULL OR campaign_id = $campaign_id)

@@ -23,7 +23,9 @@ SELECT
     lon_deg,
     lat_deg,
     height_ellipsoidal_m,
-    best_photo_id
+    captured_to,
+    best_photo_id,
+    best_photo_uri
 FROM defects
 LEFT JOIN severities USING (severity_rule, severity)
 WHERE ($building_id::VARCHAR IS NULL OR building_id = $building_id)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
 
 from facadelake.core.errors import InputDataError
 from facadelake.detection.coco.import_detections import import_coco
@@ -259,3 +261,58 @@ def test_two_usable_photographs_are_too_few(tmp_path: Path) -> None:
     with pytest.raises(InputDataError) as raised:
         reconstruct(photos, root, tmp_path / "block", ReconstructionSettings())
     assert str(raised.value) == ("2 of 3 photographs are usable; at least 3 that overlap are needed: add photographs")
+
+
+KEPT_OUT = [
+    (
+        "DJI_0001_T.JPG", "drone-dji:ImageSource=\"InfraredCamera\"", "thermal",
+        "a thermal picture (XMP ImageSource InfraredCamera); it is kept out of the block "
+        "('use_photographs: [thermal]' in the portfolio uses it)",
+    ),
+    (
+        "pano.jpg", "xmlns:GPano=\"http://ns.google.com/photos/1.0/panorama/\" "
+        "GPano:ProjectionType=\"equirectangular\"", "panorama",
+        "a panorama, no central projection (XMP GPano ProjectionType equirectangular); it is kept out of the block "
+        "('use_photographs: [panorama]' in the portfolio uses it)",
+    ),
+    (
+        "DJI_0001_MS_NIR.JPG", "drone-dji:BandName=\"NIR\"", "spectral_band",
+        "a single spectral band (NIR); it is kept out of the block "
+        "('use_photographs: [spectral_band]' in the portfolio uses it)",
+    ),
+    (
+        "DJI_0001_Z.JPG", "drone-dji:ImageSource=\"ZoomCamera\"", "other_lens",
+        "taken by the zoom lens (XMP ImageSource ZoomCamera) together with DJI_0001_W.JPG of the wide lens, "
+        "from the same place; it is kept out of the block "
+        "('use_photographs: [other_lens]' in the portfolio uses it)",
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "xmp", "outcome", "reason"), KEPT_OUT)
+def test_pictures_of_another_kind_are_rows_and_the_others_are_used(
+    tmp_path: Path, name: str, xmp: str, outcome: str, reason: str
+) -> None:
+    (tmp_path / name).write_bytes(photograph(49.0, seed=1, xmp=xmp))
+    wide = photograph(49.0, seed=2, xmp='drone-dji:ImageSource="WideCamera"')
+    (tmp_path / "DJI_0001_W.JPG").write_bytes(wide)
+    rows = {
+        row["photo_id"]: row
+        for row in ingest_photographs(tmp_path, distance_to_model_m=None, close_range_below_m=8.0).to_pylist()
+    }
+    assert (rows[name]["photo_outcome"], rows[name]["reason"]) == (outcome, reason)
+    assert rows["DJI_0001_W.JPG"]["photo_outcome"] == "accepted"
+
+
+def test_a_digital_zoom_that_may_be_in_the_focal_length_or_not(tmp_path: Path) -> None:
+    image = Image.open(io.BytesIO(photograph(LAT)))
+    exif = image.getexif()
+    exif.get_ifd(0x8769)[0xA404] = IFDRational(2, 1)
+    image.save(tmp_path / "zoomed.jpg", exif=exif)
+    (row,) = ingest_photographs(tmp_path, distance_to_model_m=None, close_range_below_m=8.0).to_pylist()
+    assert row["prior_focal_px"] is None
+    assert row["digital_zoom"] == 2.0
+    assert row["prior_warnings"].endswith(
+        "digital zoom 2 (EXIF DigitalZoomRatio 2): unknown whether FocalLengthIn35mmFilm 26 mm includes it; "
+        "the focal length is estimated"
+    )

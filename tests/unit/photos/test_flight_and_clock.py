@@ -1,6 +1,7 @@
 """The photographs of a flight, and times that are wrong."""
 
 import math
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import pytest
@@ -54,6 +55,19 @@ def test_the_makers_own_flight_id_parts_flights_without_a_gap() -> None:
 )
 def test_a_new_take_off_height_that_holds_ends_a_flight(heights: list[float], flights: list[int]) -> None:
     assert assign_flights(shots(0, 10, 20, 90, 100, 110, heights=heights)) == flights
+
+
+def test_lenses_that_fire_in_turns_and_state_other_heights_are_one_flight() -> None:
+    """A wide and a thermal camera of one body, whose take-off heights differ by 6 m: it became one flight a pair."""
+    wide = shots(*range(0, 180, 10), heights=[180.0] * 18)
+    thermal = [
+        replace(exposure, photo_id=f"t{k}", lens="thermal", take_off_height_m=174.0) for k, exposure in enumerate(wide)
+    ]
+    assert assign_flights([*wide, *thermal]) == [1] * 36
+    landed = [*[180.0] * 9, *[170.0] * 9]  # a new take-off of both
+    wide = [replace(e, take_off_height_m=h) for e, h in zip(wide, landed, strict=True)]
+    thermal = [replace(e, take_off_height_m=h - 6) for e, h in zip(thermal, landed, strict=True)]
+    assert assign_flights([*wide, *thermal]) == ([1] * 9 + [2] * 9) * 2
 
 
 def test_photographs_without_a_time_are_one_flight_of_their_body() -> None:

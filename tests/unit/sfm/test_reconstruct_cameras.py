@@ -27,6 +27,19 @@ def test_zooms_sizes_bodies_and_lenses_are_cameras_of_their_own() -> None:
     assert cameras[2]["focal_px"] == pytest.approx(0.5 * cameras[0]["focal_px"], rel=1e-12)
 
 
+def test_each_sign_of_a_zoom_or_another_lens_makes_a_camera() -> None:
+    """One camera for a zoomed and a plain photograph put the zoomed ones metres off the wall."""
+    calibrated = {"prior_focal_px": 3725.0}  # the same, whatever the zoom
+    rows = [
+        row(**calibrated, digital_zoom=1.0, exif_focal_length_35mm_mm=24.0),
+        row(**calibrated, digital_zoom=2.0, exif_focal_length_35mm_mm=24.0),
+        row(**calibrated, digital_zoom=1.0, exif_focal_length_35mm_mm=30.0),
+        row(**calibrated, digital_zoom=1.0, exif_focal_length_35mm_mm=24.0, image_source="zoom"),
+        row(**calibrated, digital_zoom=1.0, exif_focal_length_35mm_mm=24.0),
+    ]
+    assert group_by_camera(rows)[1] == [0, 1, 2, 3, 0]
+
+
 def test_the_stated_focal_length_in_pixels_comes_first() -> None:
     """24 mm on 43.27 mm of full frame's diagonal is 0.5547 of a 5000 px diagonal."""
     cameras, camera_of = group_by_camera(
