@@ -73,6 +73,14 @@ _ALL = [
     text("role", "use of the photograph", PhotoRole),
     text("photo_outcome", "whether the file is used", PhotoOutcome),
     text("reason", "reason of the outcome, where it is not the regular one"),
+    Column(
+        name="exif_orientation",
+        kind=Kind.INTEGER,
+        meaning="EXIF orientation, by which viewers turn the photograph: 1 as stored, 3 upside down, 6 and 8 by 90 "
+        "degrees, 2, 4, 5, 7 mirrored; pixels of all tables are as stored",
+        minimum=1,
+        maximum=8,
+    ),
     Column(name="image_width_px", kind=Kind.INTEGER, unit="px", meaning="width of the photograph", minimum=1),
     Column(name="image_height_px", kind=Kind.INTEGER, unit="px", meaning="height of the photograph", minimum=1),
     text("camera_make", "maker of the camera, from EXIF"),

@@ -23,9 +23,14 @@ def import_detections(job: InspectionJob, photos: StageResult) -> StageResult:
     file = job.building.locate_detections(job.campaign_id, job.detections)
 
     def make(folder: Path) -> Counts:
-        table = import_coco(file, read_table("photos", photos.folder), class_names=detector.classes)
+        table = import_coco(
+            file,
+            read_table("photos", photos.folder),
+            class_names=detector.classes,
+            exif_view=detector.exif_view,
+        )
         write_table("detections", table, folder)
         return Counter(table.column("detection_outcome").to_pylist())
 
-    inputs = {"detector": hash_detector(file, detector.classes)}
+    inputs = {"detector": hash_detector(file, detector.classes), "exif_view": detector.exif_view}
     return run_stage(job, "detect", reads={"photos": photos}, inputs=inputs, make=make)

@@ -48,10 +48,14 @@ def _count_common(name: _Parts, photo: _Parts) -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class NameMatch:
-    """The ``photo_id`` that a name refers to; None with the ``reason`` where there is none."""
+    """The ``photo_id`` that a name refers to; None with the ``reason`` where there is none.
+
+    ``candidates``: the photographs that fit equally well, where the name is ambiguous.
+    """
 
     photo_id: str | None
     reason: str = ""
+    candidates: tuple[str, ...] = ()
 
 
 class PhotoNames:
@@ -89,7 +93,8 @@ class PhotoNames:
             alike = len({_remove_suffix(self._exact[photo_id]) for photo_id in best}) == 1
             remedy = "give its suffix as the file has it, too" if alike else "give its folder, too"
             reason = f"'{name}' matches {_list_names(best)}; {remedy}"
-        elif same_file:
+            return NameMatch(photo_id=None, reason=reason, candidates=tuple(best))
+        if same_file:
             reason = f"'{name}' is not in the campaign; {same_file[0]} is in another folder"
         else:
             reason = f"'{name}' is not among the campaign's photographs"
@@ -122,7 +127,8 @@ class PhotoNames:
         same_file = [] if match.photo_id is None else self._by_file[_fold_case(self._exact[match.photo_id])[0]]
         if len({self._exact[photo_id][1:] for photo_id in same_file}) < 2:
             return match
-        return NameMatch(photo_id=None, reason=f"'{name}' matches {_list_names(same_file)}; give its folder, too")
+        reason = f"'{name}' matches {_list_names(same_file)}; give its folder, too"
+        return NameMatch(photo_id=None, reason=reason, candidates=tuple(same_file))
 
     def _find_longest(self, parts: _Parts, candidates: Sequence[str]) -> list[str]:
         """The candidates with the longest common end ("a/b/IMG.JPG" is b/IMG.JPG rather than IMG.JPG of the top

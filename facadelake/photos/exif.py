@@ -22,6 +22,7 @@ _MM_PER_UNIT: dict[float, float] = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # EXIF 
 class ExifMetadata:
     """EXIF metadata of a photograph; NaN, empty or None where a value is missing.
 
+    ``orientation`` (1 to 8), by which viewers turn the photograph; it is not applied to pixels.
     ``focal_length_35mm_mm`` is FocalLengthIn35mmFilm (by the diagonal, CIPA DCG-001). ``focal_plane_focal_px`` is the
     focal length times the focal plane resolution, where that refers to the stored size. ``altitude_ref``: 0 and 1 above
     and below sea level, 2 and 3 above and below the ellipsoid (EXIF 3.0). ``position_error_m`` is GPSHPositioningError,
@@ -33,6 +34,7 @@ class ExifMetadata:
     or ambiguous, and how it is taken.
     """
 
+    orientation: int | None = None
     make: str = ""
     model: str = ""
     body_serial: str = ""
@@ -86,6 +88,10 @@ _TIMES = (
     ),
     _TimeTags(name="DateTime", time=Base.DateTime, offset=Base.OffsetTime, fraction=Base.SubsecTime),
 )
+
+
+def _parse_orientation(value: Any) -> int | None:
+    return value if isinstance(value, int) and 1 <= value <= 8 else None
 
 
 def _parse_time(block: dict[int, Any], tags: _TimeTags) -> datetime | None:
@@ -163,6 +169,7 @@ def read_exif(exif: Exif, *, width_px: int) -> ExifMetadata:
     unsigned = [math.isnan(angle.angle_deg) and math.isfinite(angle.magnitude_deg) for angle in (lat, lon)]
     taken_at, time_warnings = _read_time(head | block)
     return ExifMetadata(
+        orientation=_parse_orientation(head.get(Base.Orientation)),
         make=parse_text(head.get(Base.Make)),
         model=parse_text(head.get(Base.Model)),
         body_serial=parse_text(block.get(Base.BodySerialNumber)),

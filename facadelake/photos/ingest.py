@@ -142,6 +142,7 @@ def _build_row(photo_id: str, photo: Photo, role: PhotoRole, priors: PhotoPriors
         "reason": None if located else f"no position prior ({position.reason}); the photograph is used without one",
         "image_width_px": photo.width_px,
         "image_height_px": photo.height_px,
+        "exif_orientation": exif.orientation,
         "camera_make": exif.make or None,
         "camera_model": exif.model or None,
         "camera_serial": priors.serial or None,

@@ -3,6 +3,7 @@ from .portfolio import Portfolio as Portfolio
 from .portfolio import read_portfolio as read_portfolio
 from .settings import DEFAULT_MODEL as DEFAULT_MODEL
 from .settings import CocoDetectorSetting as CocoDetectorSetting
+from .settings import ExifView as ExifView
 from .settings import OnnxDetectorSetting as OnnxDetectorSetting
 from .settings import PositionsSetting as PositionsSetting
 from .surface_kinds import UNITS_M as UNITS_M

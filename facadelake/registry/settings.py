@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from datetime import UTC, datetime
+from enum import StrEnum
 from typing import Annotated, Literal, Self
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
@@ -172,16 +173,26 @@ class PositionsSetting(StrictModel):
         return self
 
 
+class ExifView(StrEnum):
+    """View of a photograph that EXIF turns: its pixels as stored, or turned as viewers display them."""
+
+    STORED = "stored"
+    DISPLAYED = "displayed"
+
+
 class CocoDetectorSetting(StrictModel):
     """Detections are imported from a COCO file of an external detector or of a person.
 
-    ``alternatives`` are further files by name, from which a run can select one.
+    ``alternatives`` are further files by name, from which a run can select one. ``exif_view``: whether boxes of
+    photographs that EXIF turns are of the pixels as ``stored`` or of the photograph as ``displayed``; None: as the
+    sizes in the file tell, and boxes are not used where these do not tell.
     """
 
     kind: Literal["coco"]
     file: str
     alternatives: dict[str, str] = {}
     classes: dict[str, DefectClass] = {}
+    exif_view: ExifView | None = None
 
 
 DEFAULT_MODEL = "default"  # keyword in place of the path of a detector model

@@ -13,6 +13,7 @@ import pyarrow as pa
 from facadelake.campaigns import read_committed_tables
 from facadelake.core.errors import InputDataError
 from facadelake.detection import build_crosswalk
+from facadelake.detection.coco import StoredImage
 from facadelake.lake import AppendResult, append_reviews, read_table
 from facadelake.registry import Building
 from facadelake.reviews.coco_import import read_coco_reviews
@@ -41,6 +42,14 @@ class ReviewedCampaign:
     sizes: Mapping[str, tuple[int, int]]
     status: ReviewStatus
     items: tuple[ReviewItem, ...]
+
+    def list_stored_images(self) -> dict[str, StoredImage]:
+        """Size and EXIF orientation of the accepted photographs, by photo_id."""
+        orientation = {row["photo_id"]: row["exif_orientation"] or 1 for row in self.tables["photos"].to_pylist()}
+        return {
+            photo_id: StoredImage(width_px=width, height_px=height, orientation=orientation[photo_id])
+            for photo_id, (width, height) in self.sizes.items()
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,7 +188,7 @@ def import_reviews(
     elif suffix == ".json":
         items = _select_items(exported, campaign) if exported else campaign.items
         parsed = read_coco_reviews(
-            file, items, campaign.sizes, crosswalk, provenance, deletions_count=exported is not None
+            file, items, campaign.list_stored_images(), crosswalk, provenance, deletions_count=exported is not None
         )
     else:
         raise InputDataError(f"{file} is neither a .csv nor a COCO .json; 'facadelake review export-task' writes both")

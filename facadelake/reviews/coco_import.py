@@ -16,19 +16,20 @@ import shapely
 
 from facadelake.core.errors import InputDataError
 from facadelake.core.photo_names import PhotoNames
-from facadelake.detection import Box, Crosswalk, clip_box, describe_box
+from facadelake.detection import Box, Crosswalk, clip_box
 from facadelake.detection.coco import (
+    BoxView,
     CocoAnnotation,
-    bound_segmentation,
-    parse_number,
-    parse_segmentation,
+    StoredImage,
+    find_views,
+    fit_mask,
+    parse_shape,
     polygons_from_wkt,
     read_coco,
 )
 from facadelake.reviews.box_matching import compute_iou, corners_from_boxes, pair_greedily
 from facadelake.reviews.review import ParsedReviews, Review
 from facadelake.reviews.review_items import ReviewItem, ReviewProvenance, create_missed_review, create_review
-from facadelake.reviews.task_files import read_json
 from schemas.vocabulary import DefectClass, Verdict
 
 _log = logging.getLogger(__name__)
@@ -52,7 +53,7 @@ class _DrawnBox:
 def read_coco_reviews(
     file: Path,
     items: Sequence[ReviewItem],
-    sizes: Mapping[str, tuple[int, int]],
+    photographs: Mapping[str, StoredImage],
     crosswalk: Crosswalk,
     provenance: ReviewProvenance,
     *,
@@ -66,7 +67,7 @@ def read_coco_reviews(
     Args:
         file: The COCO file as the annotation tool wrote it.
         items: What the reviewer was shown.
-        sizes: (width, height) in px of the campaign's photographs, by photo_id.
+        photographs: Size and EXIF orientation of the campaign's photographs, by photo_id.
         crosswalk: Defect classes by class name.
         provenance: Reviewer, time and run.
         deletions_count: Reject an item without annotation. Requires that ``items`` are those of the exported task.
@@ -78,44 +79,39 @@ def read_coco_reviews(
         InputDataError: The file is not COCO, or none of its images is a photograph of the campaign.
     """
     coco = read_coco(file)
-    names = PhotoNames(sizes).match_all(image.file_name for image in coco.images.values())
+    names = PhotoNames(photographs).match_all(image.file_name for image in coco.images.values())
     matches = {image_id: names[image.file_name] for image_id, image in coco.images.items()}
     remarks = [match.reason for match in matches.values() if match.photo_id is None]
-    reviewed_photographs = set()
-    for image_id, match in matches.items():
-        if match.photo_id is None:
-            continue
-        image = coco.images[image_id]
-        stated, (width, height) = (image.width_px, image.height_px), sizes[match.photo_id]
-        if None not in stated and stated != (width, height):
-            remarks.append(
-                f"{match.photo_id} is {stated[0]:g} x {stated[1]:g} px in the file, but the photograph is {width} x "
-                f"{height} px: it counts as not reviewed; review the original, neither rotated nor resized"
-            )
+    photo_of = {image_id: match.photo_id for image_id, match in matches.items() if match.photo_id is not None}
+    stored = {image_id: photographs[photo_id] for image_id, photo_id in photo_of.items()}
+    views: dict[int | str, BoxView] = {}
+    for image_id, view in find_views(coco, stored, None).items():
+        if isinstance(view, str):
+            remarks.append(f"{photo_of[image_id]} counts as not reviewed: {view}")
         else:
-            reviewed_photographs.add(match.photo_id)
+            views[image_id] = view
+    reviewed_photographs = {photo_of[image_id] for image_id in views}
     if not reviewed_photographs:
         raise InputDataError(
             f"{file}: none of its {len(coco.images)} images is a photograph of this campaign in its size "
             f"({remarks[0] if remarks else 'the file has no images'}); give the campaign that was reviewed"
         )
-    subjects = [_get_subject(entry) for entry in read_json(file)["annotations"]]
     drawn: dict[str, list[_DrawnBox]] = defaultdict(list)
-    for annotation, subject in zip(coco.annotations, subjects, strict=True):
-        image_match = matches.get(annotation.image_id)
-        if image_match is None or image_match.photo_id is None:
+    for annotation in coco.annotations:
+        photo_id = photo_of.get(annotation.image_id)
+        if photo_id is None:
             remarks.append(f"annotation {annotation.annotation_id} is on none of the campaign's photographs")
             continue
-        if image_match.photo_id not in reviewed_photographs:
+        if annotation.image_id not in views:
             continue
         class_name = coco.categories.get(annotation.category_id)
         parsed = _parse_annotation(
-            annotation, image_match.photo_id, class_name, sizes[image_match.photo_id], crosswalk, subject
+            annotation, photo_id, class_name, photographs[photo_id], views[annotation.image_id], crosswalk
         )
         if isinstance(parsed, str):
-            remarks.append(f"annotation {annotation.annotation_id} on {image_match.photo_id}: {parsed}")
+            remarks.append(f"annotation {annotation.annotation_id} on {photo_id}: {parsed}")
         else:
-            drawn[image_match.photo_id].append(parsed)
+            drawn[photo_id].append(parsed)
     reviews: list[Review] = []
     for photo_id in sorted(reviewed_photographs):
         items_of_photo = [item for item in items if item.photo_id == photo_id]
@@ -180,9 +176,9 @@ def _parse_annotation(
     annotation: CocoAnnotation,
     photo_id: str,
     class_name: str | None,
-    size: tuple[int, int],
+    photograph: StoredImage,
+    view: BoxView,
     crosswalk: Crosswalk,
-    subject: str | None,
 ) -> _DrawnBox | str:
     """The annotation as a box, or the reason why it cannot be used."""
     defect_class = None if class_name is None else crosswalk.find_defect_class(class_name)
@@ -192,24 +188,17 @@ def _parse_annotation(
             if class_name is None
             else crosswalk.explain_unknown(class_name)
         )
-    bbox = annotation.bbox
-    if bbox is None:
-        bbox = bound_segmentation(annotation.segmentation, *size)
-    values = [parse_number(value) for value in bbox] if isinstance(bbox, list) else []
-    if len(values) != 4 or None in values:
-        return f"bbox is {annotation.bbox!r}; it must be [x, y, width, height] in pixels"
-    box = Box(**dict(zip(("x_px", "y_px", "width_px", "height_px"), (float(v or 0.0) for v in values), strict=True)))
-    if box.width_px <= 0 or box.height_px <= 0:
-        return f"box {describe_box(box)}: width and height must be more than 0 px"
-    clipped = clip_box(box, image_width_px=size[0], image_height_px=size[1])
+    shape = parse_shape(annotation, view)
+    if shape.problem or shape.box is None:
+        return shape.problem
+    clipped = clip_box(shape.box, image_width_px=photograph.width_px, image_height_px=photograph.height_px)
     if clipped.inside is None:
         return clipped.remark
-    mask = parse_segmentation(annotation.segmentation, clipped.inside, *size)
-    outline = None if mask.outline is None else str(shapely.to_wkt(mask.outline, rounding_precision=2))
-    return _DrawnBox(photo_id=photo_id, box=clipped.inside, defect_class=defect_class, mask=outline, subject=subject)
-
-
-def _get_subject(entry: Mapping[str, object]) -> str | None:
-    attributes = entry.get("attributes")
-    subject = attributes.get("subject") if isinstance(attributes, dict) else None
-    return subject if isinstance(subject, str) and subject else None
+    outline = fit_mask(shape.mask, clipped.inside).outline
+    return _DrawnBox(
+        photo_id=photo_id,
+        box=clipped.inside,
+        defect_class=defect_class,
+        mask=None if outline is None else str(shapely.to_wkt(outline, rounding_precision=2)),
+        subject=annotation.subject,
+    )

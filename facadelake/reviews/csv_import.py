@@ -41,7 +41,7 @@ def read_csv_reviews(
         provenance: Reviewer, time and run.
 
     Returns:
-        The reviews, and remarks on lines that cannot be used, at most 1000.
+        The reviews, and remarks on lines that cannot be used: all of them, the first 1000 singly, the others counted.
 
     Raises:
         InputDataError: The file is not a table in UTF-8, or lacks the columns.
@@ -74,7 +74,9 @@ def read_csv_reviews(
             ]
         except _LineError as error:
             remarks.append(f"line {number}: {error}")
-    return ParsedReviews(reviews=tuple(reviews), remarks=tuple(remarks[:_REMARKS_MAX]))
+    if len(remarks) > _REMARKS_MAX:
+        remarks[_REMARKS_MAX:] = [f"and {len(remarks) - _REMARKS_MAX} more lines that cannot be used"]
+    return ParsedReviews(reviews=tuple(reviews), remarks=tuple(remarks))
 
 
 class _LineError(ValueError):

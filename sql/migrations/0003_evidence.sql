@@ -51,3 +51,6 @@ UPDATE defects SET
         FROM campaigns
         WHERE campaigns.building_id = defects.building_id AND campaigns.campaign_id = defects.campaign_id
     ) || '/' || best_photo_id;
+
+-- How EXIF turns a photograph.
+ALTER TABLE photos ADD COLUMN exif_orientation BIGINT;

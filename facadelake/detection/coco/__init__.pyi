@@ -1,9 +1,13 @@
+from .annotation_shape import AnnotationShape as AnnotationShape
+from .annotation_shape import parse_shape as parse_shape
 from .coco_file import CocoAnnotation as CocoAnnotation
-from .coco_file import CocoImage as CocoImage
+from .coco_file import CocoFile as CocoFile
 from .coco_file import parse_number as parse_number
 from .coco_file import read_coco as read_coco
+from .exif_view import BoxView as BoxView
+from .exif_view import StoredImage as StoredImage
+from .exif_view import find_views as find_views
 from .import_detections import import_coco as import_coco
-from .mask import bound_segmentation as bound_segmentation
 from .mask import extract_polygons as extract_polygons
-from .mask import parse_segmentation as parse_segmentation
+from .mask import fit_mask as fit_mask
 from .mask import polygons_from_wkt as polygons_from_wkt

@@ -16,6 +16,7 @@ from facadelake.detection.boxes import Box
 from facadelake.detection.coco.coco_file import parse_number
 
 _SIMPLIFY_TOLERANCE_PX = 0.5  # an outline of whole pixels is a staircase; it is simplified within this distance
+_PIXELS_MAX = 2**31  # no photograph is larger
 _INSIDE_SHARE_MIN = 0.5  # a mask with less of its area in its own box belongs to another object
 _BOX_SHARE_MAX = 0.995  # tools without masks write boxes as polygons; such a mask is omitted
 
@@ -31,27 +32,29 @@ class CocoMask:
     remark: str = ""
 
 
-def parse_segmentation(
-    segmentation: Any, box: Box, image_width_px: float | None, image_height_px: float | None
-) -> CocoMask:
-    """Parse the segmentation of an annotation and clip it to the annotation's box.
+def shape_from_segmentation(
+    segmentation: Any, image_width_px: float | None, image_height_px: float | None
+) -> tuple[Any | None, str]:
+    """Polygons of a segmentation in pixels, None where there is none, and the reason where one cannot be used.
 
     Args:
         segmentation: As in COCO: a list of polygons [x1, y1, x2, y2, ...] in pixels, or run lengths
             {"counts", "size"}, plain or compressed; None where there is none.
-        box: The annotation's box.
-        image_width_px: Width of the photograph, None where unknown.
-        image_height_px: Height of the photograph, None where unknown.
-
-    Returns:
-        The mask. One that cannot be used is omitted with a remark, and the box is used instead.
+        image_width_px: Width of the image, None where unknown.
+        image_height_px: Height of the image, None where unknown.
     """
     if segmentation is None or segmentation in ([], {}):
-        return CocoMask()
+        return None, ""
     try:
-        shape = _shape_from_segmentation(segmentation, image_width_px, image_height_px)
+        return _shape_from_segmentation(segmentation, image_width_px, image_height_px), ""
     except _UnusableSegmentationError as error:
-        return CocoMask(remark=f"its segmentation was not used ({error}); its box is used instead")
+        return None, f"its segmentation was not used ({error}); its box is used instead"
+
+
+def fit_mask(shape: Any | None, box: Box) -> CocoMask:
+    """A mask clipped to its annotation's box; one that is the box, or lies outside it, is omitted."""
+    if shape is None:
+        return CocoMask()
     frame = shapely.box(box.x_px, box.y_px, box.x_px + box.width_px, box.y_px + box.height_px)
     inside = extract_polygons(shapely.intersection(shape, frame))
     if inside is None or inside.area < _INSIDE_SHARE_MIN * shape.area:
@@ -59,17 +62,6 @@ def parse_segmentation(
     if inside.area >= _BOX_SHARE_MAX * frame.area:
         return CocoMask()
     return CocoMask(outline=inside)
-
-
-def bound_segmentation(
-    segmentation: Any, image_width_px: float | None, image_height_px: float | None
-) -> list[float] | None:
-    """The bounding box [x, y, width, height] of a segmentation, in pixels; None where it cannot be parsed."""
-    try:
-        left, top, right, bottom = _shape_from_segmentation(segmentation, image_width_px, image_height_px).bounds
-    except _UnusableSegmentationError:
-        return None
-    return [left, top, right - left, bottom - top]
 
 
 def extract_polygons(shape: Any) -> Any | None:
@@ -114,13 +106,17 @@ def _shape_from_run_lengths(
     segmentation: dict[str, Any], image_width_px: float | None, image_height_px: float | None
 ) -> Any:
     size, counts = segmentation.get("size"), segmentation.get("counts")
-    if not isinstance(size, list) or len(size) != 2 or not all(isinstance(side, int) and side > 0 for side in size):
+    sides = [_parse_count(side) for side in size] if isinstance(size, list) else []
+    if len(sides) != 2 or not all(sides):
         raise _UnusableSegmentationError(f"size is {size!r}, it must be [height, width]")
-    height, width = size
+    height, width = (side or 0 for side in sides)
+    if height * width > _PIXELS_MAX:
+        raise _UnusableSegmentationError(f"its run lengths are of {width} x {height} px (limit {_PIXELS_MAX:,} px)")
     if None not in (image_width_px, image_height_px) and (width, height) != (image_width_px, image_height_px):
         raise _UnusableSegmentationError(f"its run lengths are of {width} x {height} px, not of the photograph's size")
-    runs = _decode_run_lengths(counts) if isinstance(counts, str) else counts
-    if not isinstance(runs, list) or not all(isinstance(run, int) and run >= 0 for run in runs):
+    listed = _decode_run_lengths(counts) if isinstance(counts, str) else counts
+    runs = [run for one in listed if (run := _parse_count(one)) is not None] if isinstance(listed, list) else []
+    if not isinstance(listed, list) or len(runs) < len(listed):
         raise _UnusableSegmentationError("counts must be run lengths of 0 or more")
     if sum(runs) != width * height:
         raise _UnusableSegmentationError(f"its run lengths add up to {sum(runs)}, not to {width} x {height}")
@@ -130,6 +126,12 @@ def _shape_from_run_lengths(
     union = shapely.union_all(shapely.box(*rectangles.T))
     simplified = extract_polygons(shapely.simplify(union, _SIMPLIFY_TOLERANCE_PX))
     return union if simplified is None else simplified
+
+
+def _parse_count(value: Any) -> int | None:
+    """A whole number of 0 or more, which some tools write as 3.0; else None."""
+    number = parse_number(value)
+    return int(number) if number is not None and number >= 0 and number == int(number) else None
 
 
 def _decode_run_lengths(text: str) -> list[int]:
@@ -147,6 +149,8 @@ def _decode_run_lengths(text: str) -> list[int]:
             )
         value |= (bits & 0x1F) << shift
         shift += 5
+        if shift > 60:
+            raise _UnusableSegmentationError("counts has a run length of more digits than any photograph")
         if bits & 0x20:
             continue
         if bits & 0x10:

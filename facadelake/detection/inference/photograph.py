@@ -24,7 +24,11 @@ def read_photograph(path: Path) -> UInt8Image | None:
     return None if image is None else np.asarray(image, dtype=np.uint8)
 
 
-def has_exif_rotation(path: Path) -> bool:
-    """Whether EXIF requests an orientation other than that of the stored pixels (a rotation or reflection)."""
-    with PilImage.open(path) as image:
-        return bool(image.getexif().get(Base.Orientation, 1) not in (0, 1))
+def read_exif_orientation(path: Path) -> int:
+    """EXIF orientation, by which viewers turn the photograph (1 to 8); 1, as stored, where none is stated."""
+    try:
+        with PilImage.open(path) as image:
+            orientation = image.getexif().get(Base.Orientation)
+    except (OSError, SyntaxError, ValueError):
+        return 1
+    return orientation if isinstance(orientation, int) and 1 <= orientation <= 8 else 1

@@ -69,7 +69,8 @@ def compare_campaign(
                 f"here; run 'facadelake inspect {building.id} {campaign_id} --detections ...' and evaluate that"
             )
         model = read_registered_model(building)
-        imported = import_coco(file, tables["photos"], class_names=building.detector.classes)
+        setting = building.detector
+        imported = import_coco(file, tables["photos"], class_names=setting.classes, exif_view=setting.exif_view)
         registered = register_on_committed_poses(building, campaign_id, model, imported, tables)
         tables |= {"detections": imported, "observations": registered.observations, "defects": registered.defects}
     return compare_with_truth(

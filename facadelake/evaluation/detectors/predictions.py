@@ -51,6 +51,9 @@ class PredictionSource(Protocol):
     @property
     def threshold(self) -> float: ...
 
+    @property
+    def left_out(self) -> Mapping[str, int]: ...
+
     def detect(self, image: LabelledImage, pixels_bgr: UInt8Image) -> ImagePredictions: ...
 
 
@@ -99,7 +102,7 @@ def collect_predictions(
         images=tuple(read),
         above_floor=above_floor,
         above_threshold=above_threshold,
-        left_out=dict(left_out),
+        left_out=dict(left_out + Counter(source.left_out)),
         seconds=seconds,
     )
 

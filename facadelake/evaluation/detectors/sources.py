@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from facadelake.core.arrays import UInt8Image
 from facadelake.core.errors import InputDataError
 from facadelake.core.hashing import hash_file
-from facadelake.detection import Box, ModelCard
-from facadelake.detection.coco import CocoAnnotation, parse_number, read_coco
-from facadelake.detection.inference import DetectedBox, OnnxDetector, find_card
+from facadelake.core.photo_names import PhotoNames
+from facadelake.detection import ModelCard
+from facadelake.detection.coco import CocoAnnotation, StoredImage, find_views, parse_number, parse_shape, read_coco
+from facadelake.detection.inference import DetectedBox, OnnxDetector, find_card, read_exif_orientation
 from facadelake.detection.tiling import detect_image
 from facadelake.evaluation.detectors.labels.labels import LabelledImage
 from facadelake.evaluation.detectors.predictions import ImagePredictions
@@ -31,6 +34,7 @@ class OnnxPredictionSource:
     def __init__(self, model: Path, *, threshold: float | None = None) -> None:
         """Load ``model`` with its card; ``threshold`` overrides the card's."""
         self.card = find_card(model)
+        self.left_out: Counter[str] = Counter()
         self.threshold = self.card.score_threshold if threshold is None else threshold
         low = {
             "score_threshold": min(SCORE_FLOOR, self.threshold),
@@ -85,43 +89,58 @@ class CocoPredictionSource:
 
     def __init__(self, file: Path, threshold: float = 0.0) -> None:
         """Read ``file``. Raises InputDataError where it is not a COCO file."""
-        coco = read_coco(file)
+        self._coco = read_coco(file)
         self.name, self.sha256, self.threshold = file.name, hash_file(file), threshold
-        self._found: dict[str, list[DetectedBox]] = {}
-        self.unusable = 0
-        for annotation in coco.annotations:
-            image = coco.images.get(annotation.image_id)
-            found = _parse_annotation(annotation, coco.categories.get(annotation.category_id))
-            if image is None or found is None:
-                self.unusable += 1
-                continue
-            self._found.setdefault(image.file_name.replace("\\", "/"), []).append(found)
-        self._names = frozenset(image.file_name.replace("\\", "/") for image in coco.images.values())
+        self.left_out: Counter[str] = Counter()
+        self._annotations: dict[int | str, list[CocoAnnotation]] = defaultdict(list)
+        for annotation in self._coco.annotations:
+            if annotation.image_id in self._coco.images:
+                self._annotations[annotation.image_id].append(annotation)
+            else:
+                self.left_out["predicted boxes of an image that is not in the file"] += 1
+        self._ids: dict[str, list[int | str]] = defaultdict(list)
+        for image_id, image in self._coco.images.items():
+            self._ids[image.file_name].append(image_id)
+        self._names = PhotoNames(self._ids)
 
     def detect(self, image: LabelledImage, pixels_bgr: UInt8Image) -> ImagePredictions:
-        """The file's boxes of a photograph, found by the longest end of its path among the file's names."""
-        parts = image.key.split("/")
-        name = next((suffix for i in range(len(parts)) if (suffix := "/".join(parts[i:])) in self._names), None)
-        found = tuple(self._found.get(name, ())) if name else ()
+        """The file's boxes of a photograph, found by its path among the file's names."""
+        match = self._names.match(image.key)
+        if match.candidates:
+            self.left_out["photographs whose name matches several images of the predictions"] += 1
+        found = tuple(
+            one for image_id in self._ids.get(match.photo_id or "", ()) for one in self._read_boxes(image_id, image)
+        )
         return ImagePredictions(
             above_floor=found, above_threshold=tuple(one for one in found if one.score >= self.threshold)
         )
 
+    def _read_boxes(self, image_id: int | str, image: LabelledImage) -> Iterator[DetectedBox]:
+        annotations = self._annotations.get(image_id, [])
+        of_image = replace(self._coco, annotations=tuple(annotations))
+        orientation = read_exif_orientation(image.path)
+        stored = StoredImage(width_px=image.width_px, height_px=image.height_px, orientation=orientation)
+        view = find_views(of_image, {image_id: stored}, None)[image_id]
+        if isinstance(view, str):
+            self.left_out["predicted boxes of another size or view than their photograph"] += len(annotations)
+            return
+        for annotation in annotations:
+            class_name = self._coco.categories.get(annotation.category_id)
+            shape = parse_shape(annotation, view)
+            score = 1.0 if annotation.score is None else parse_number(annotation.score)
+            if class_name is None:
+                self.left_out["predicted boxes of a category that is not in the file"] += 1
+            elif shape.problem or shape.box is None:
+                self.left_out["predicted boxes without four numbers and an area, or with an unusable rotation"] += 1
+            elif score is None or not 0 <= score <= 1:
+                self.left_out["predicted boxes with a score that is not from 0 to 1"] += 1
+            else:
+                yield DetectedBox(box=shape.box, score=score, class_name=class_name)
+
     def require_photographs(self, images: Sequence[LabelledImage]) -> None:
         """Raise InputDataError where the file has none of the photographs."""
-        suffixes = {"/".join(image.key.split("/")[i:]) for image in images for i in range(image.key.count("/") + 1)}
-        if not suffixes & self._names:
+        if not any(self._names.match(image.key).photo_id for image in images):
             raise InputDataError(
                 f"{self.name} has none of the {len(images)} labelled photographs, such as '{images[0].key}'; its "
                 "images must have their file names (file_name)"
             )
-
-
-def _parse_annotation(annotation: CocoAnnotation, class_name: str | None) -> DetectedBox | None:
-    values = [parse_number(value) for value in annotation.bbox] if isinstance(annotation.bbox, list) else []
-    numbers = [value for value in values if value is not None]
-    score = 1.0 if annotation.score is None else parse_number(annotation.score)
-    if class_name is None or len(numbers) != 4 or min(numbers[2:]) <= 0 or score is None or not 0 <= score <= 1:
-        return None
-    x, y, width, height = numbers
-    return DetectedBox(box=Box(x_px=x, y_px=y, width_px=width, height_px=height), score=score, class_name=class_name)

@@ -19,7 +19,7 @@ import cv2
 from facadelake.core.arrays import UInt8Image
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.core.progress import track
-from facadelake.detection.inference import has_exif_rotation, read_photograph
+from facadelake.detection.inference import read_exif_orientation, read_photograph
 from facadelake.reviews.review_matching import ReviewStatus
 from facadelake.reviews.training.label_files import CLASSES, TrainingPicture, write_labels
 from facadelake.reviews.training.options import PictureMode, Split, TrainingLabelFormat
@@ -155,7 +155,7 @@ def _write_pictures(
             left_out["photographs that cannot be read"] += 1
             continue
         # Most readers would rotate the photograph, but not its labels.
-        if pictures is not PictureMode.TILES and has_exif_rotation(path):
+        if pictures is not PictureMode.TILES and read_exif_orientation(path) != 1:
             left_out["photographs with an EXIF rotation (use tiles for them)"] += 1
             continue
         if pictures is PictureMode.TILES:

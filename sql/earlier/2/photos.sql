@@ -4,5 +4,6 @@ SELECT
     *,
     NULL::VARCHAR AS image_source,
     NULL::DOUBLE AS digital_zoom,
-    NULL::DOUBLE AS exif_focal_length_35mm_mm
+    NULL::DOUBLE AS exif_focal_length_35mm_mm,
+    NULL::BIGINT AS exif_orientation
 FROM {earlier}

@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 
 from facadelake.detection.boxes import Box
-from facadelake.detection.coco.mask import parse_segmentation
+from facadelake.detection.coco.mask import fit_mask, shape_from_segmentation
 from tests.unit.detection.test_import_detections import HEIGHT, WIDTH, import_rows, write_coco_file
 
 SLANTING = [100, 100, 200, 190, 200, 200, 100, 110]  # a crack 10 px high, 100 px long
@@ -90,9 +90,9 @@ def test_run_lengths_plain_and_compressed_are_one_mask_of_whole_pixels(tmp_path:
 def test_several_polygons_are_one_mask_and_crossing_rings_are_repaired() -> None:
     whole = Box(x_px=0, y_px=0, width_px=100, height_px=100)
     squares = [[10, 10, 20, 10, 20, 20, 10, 20], [50, 50, 60, 50, 60, 60, 50, 60]]
-    two = parse_segmentation(squares, whole, WIDTH, HEIGHT).outline
+    two = fit_mask(shape_from_segmentation(squares, WIDTH, HEIGHT)[0], whole).outline
     assert (two.geom_type, two.area) == ("MultiPolygon", 200.0)
-    bow = parse_segmentation([[0, 0, 40, 40, 40, 0, 0, 40]], whole, WIDTH, HEIGHT).outline
+    bow = fit_mask(shape_from_segmentation([[0, 0, 40, 40, 40, 0, 0, 40]], WIDTH, HEIGHT)[0], whole).outline
     assert bow.is_valid
     np.testing.assert_allclose(bow.area, 800.0, rtol=0, atol=1e-6)  # px2
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import pytest
+import shapely
 
 from facadelake.core.errors import InputDataError
 from facadelake.core.hashing import hash_file
@@ -188,16 +190,77 @@ def test_annotations_of_an_unknown_image_and_of_another_size(tmp_path: Path) -> 
     assert odd["detection_outcome"] == "unknown_photo"
 
 
-def test_ids_stay_unique_where_a_merged_file_repeats_them(tmp_path: Path) -> None:
-    box = {"bbox": [1, 2, 3, 4], "id": 5}
-    rows = import_rows(write_coco_file(tmp_path, box, box, {"bbox": [1, 2, 3, 4], "id": None}))
-    assert [row["detection_id"] for row in rows] == [f"near/IMG_1.JPG#{end}" for end in ("5", "5.2", "row2")]
-    assert [row["source_annotation"] for row in rows] == ["5", "5", "row2"]
+@pytest.mark.parametrize(
+    ("key", "one", "other"),
+    [
+        ("images", {"id": 1, "file_name": "near/IMG_1.JPG"}, {"id": 1, "file_name": "near/IMG_2.JPG"}),
+        ("images", {"id": 1, "file_name": "near/IMG_1.JPG"}, {"id": 1.0, "file_name": "near/IMG_2.JPG"}),
+        ("images", {"id": "1", "file_name": "near/IMG_1.JPG"}, {"id": 1, "file_name": "near/IMG_2.JPG"}),
+        ("images", {"id": "1.0", "file_name": "near/IMG_1.JPG"}, {"id": "1", "file_name": "near/IMG_2.JPG"}),
+        ("categories", {"id": 1, "name": "crack"}, {"id": 1, "name": "spalling"}),
+        ("annotations", {"id": 5, "image_id": 1, "category_id": 1, "bbox": [1, 2, 3, 4]},
+         {"id": 5, "image_id": 1, "category_id": 1, "bbox": [5, 6, 7, 8]}),
+    ],
+)  # fmt: skip
+def test_an_id_used_for_two_things_is_refused_with_both(
+    tmp_path: Path, key: str, one: dict[str, Any], other: dict[str, Any]
+) -> None:
+    """In a merged file the last entry would win, and a crack would land on another photograph."""
+    path = write_coco_file(tmp_path, {"bbox": [1, 2, 3, 4]})
+    content = json.loads(path.read_text())
+    content[key] = [one, other]
+    path.write_text(json.dumps(content))
+    with pytest.raises(InputDataError) as raised:
+        import_rows(path)
+    message = str(raised.value)
+    assert f"{key}[0] and {key}[1] have the same id" in message
+    assert json.dumps(one) in message and json.dumps(other) in message
+    content[key] = [one, one]  # repeated unchanged, as files merged of one campaign have it
+    path.write_text(json.dumps(content))
+    assert len(import_rows(path)) == 1
+
+
+@pytest.mark.parametrize("value", [5.2, True, None, [1], float("nan"), 1e300, "\ud800"])
+def test_ids_are_whole_numbers_or_text(tmp_path: Path, value: Any) -> None:
+    path = write_coco_file(tmp_path, {"bbox": [1, 2, 3, 4]}, images=[{"id": value, "file_name": "near/IMG_1.JPG"}])
+    with pytest.raises(InputDataError, match=r"images\[0\].id is .* every entry needs a whole number or text"):
+        import_rows(path)
+
+
+def test_whole_numbers_are_one_id_however_they_are_written(tmp_path: Path) -> None:
+    """cases/coco/coco_float_ids.json: pandas writes ids as 1.0."""
+    images = [{"id": 1.0, "file_name": "near/IMG_1.JPG"}, {"id": "2", "file_name": "near/IMG_2.JPG"}]
+    box = {"bbox": [1, 2, 3, 4]}
+    path = write_coco_file(
+        tmp_path,
+        {**box, "id": 7.0, "category_id": 1.0},
+        {**box, "image_id": 2},
+        {**box, "image_id": "1.0", "id": None},
+        {**box, "image_id": True},
+        {**box, "image_id": 1.5},
+        {**box, "image_id": "01"},
+        images=images,
+    )
+    rows = import_rows(path)
+    assert [row["detection_id"] for row in rows] == [
+        "near/IMG_1.JPG#7", "near/IMG_2.JPG#2", "near/IMG_1.JPG#row2",
+        "image (True)#4", "image (1.5)#5", "image 01#6",
+    ]  # fmt: skip
+    assert [row["detection_outcome"] for row in rows] == ["accepted"] * 3 + ["unknown_photo"] * 3
+
+
+def test_a_key_used_twice_is_refused(tmp_path: Path) -> None:
+    path = write_coco_file(tmp_path, {"bbox": [1, 2, 3, 4]})
+    path.write_text(path.read_text()[:-1] + ', "annotations": []}')
+    with pytest.raises(InputDataError, match="has the key 'annotations' twice in one object"):
+        import_rows(path)
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        ("[" * 100_000, "cannot be read as JSON .*recursion"),
+        ('{"images": ' + "1" * 5000 + "}", "cannot be read as JSON .*digits"),
         ("{", "is not JSON: Expecting property name enclosed in double quotes at line 1, column 2; export it again"),
         ("[]", "contains a list, not an object with images, annotations and categories"),
         ('{"images": [], "categories": []}', r"has no key 'annotations' \(it has \['categories', 'images'\]\)"),
@@ -230,6 +293,82 @@ def test_a_file_without_accepted_boxes_is_refused(tmp_path: Path) -> None:
         import_rows(write_coco_file(tmp_path, box, images=turned))
     with pytest.raises(InputDataError, match=r"all 2 boxes lie within 0..1, so they are normalised"):
         import_rows(write_coco_file(tmp_path, {"bbox": [0.1, 0.2, 0.3, 0.4]}, {"bbox": [0.5, 0.2, 0.3, 0.4]}))
+
+
+ROTATED = {"bbox": [100, 100, 80, 4], "attributes": {"occluded": False, "rotation": 90.0}}
+
+
+def test_a_box_that_cvat_turned_is_turned(tmp_path: Path) -> None:
+    """cases/coco/coco_rotation.json: CVAT writes the box before its rotation, clockwise about its centre."""
+    slanting = {"bbox": [100, 100, 80, 4], "attributes": {"rotation": 30.0}}
+    upright, diagonal, whole, odd = import_rows(
+        write_coco_file(
+            tmp_path, ROTATED, slanting, ROTATED | {"attributes": {"rotation": 360.0}},
+            ROTATED | {"attributes": {"rotation": "left"}},
+        )
+    )  # fmt: skip
+    assert [upright[f"box_{side}_px"] for side in ("x", "y", "width", "height")] == pytest.approx(
+        (138, 62, 4, 80), rel=0, abs=1e-9
+    )  # px
+    assert upright["mask"] is None
+    # 30 degrees clockwise: the right end is lower, so y (downwards) grows with x; sides by hand.
+    cos, sin = math.cos(math.radians(30)), math.sin(math.radians(30))
+    width, height = 80 * cos + 4 * sin, 80 * sin + 4 * cos
+    assert [diagonal[f"box_{side}_px"] for side in ("x", "y", "width", "height")] == pytest.approx(
+        (140 - width / 2, 102 - height / 2, width, height), rel=0, abs=1e-9
+    )  # px
+    mask = shapely.from_wkt(diagonal["mask"])
+    assert mask.area == pytest.approx(320, rel=0, abs=1)  # px2
+    assert mask.contains(shapely.Point(140 + 39 * cos, 102 + 39 * sin))
+    assert not mask.contains(shapely.Point(140 + 39 * cos, 102 - 39 * sin))
+    assert whole["box_width_px"] == 80
+    assert (odd["detection_outcome"], odd["reason"]) == ("bad_box", "rotation is 'left'; it must be degrees")
+
+
+def test_a_mask_with_a_rotation_is_turned_with_its_box_unless_it_is_turned_already(tmp_path: Path) -> None:
+    flat, tall = [[100, 100, 180, 100, 180, 104]], [[142, 62, 142, 142, 138, 142]]
+    turned, already, neither = import_rows(
+        write_coco_file(
+            tmp_path, ROTATED | {"segmentation": flat}, ROTATED | {"segmentation": tall},
+            ROTATED | {"segmentation": [[100, 100, 120, 100, 120, 104]]},
+        )
+    )  # fmt: skip
+    # (180, 100), right top, is right bottom after 90 degrees clockwise: (142, 142).
+    expected = shapely.Polygon([(142, 62), (142, 142), (138, 142)])
+    for row in (turned, already):
+        assert shapely.from_wkt(row["mask"]).symmetric_difference(expected).area < 0.1  # px2
+    assert neither["detection_outcome"] == "bad_box"
+    assert "its mask fits neither the box before nor after" in neither["reason"]
+
+
+def test_a_box_without_size_beside_a_mask_has_the_masks_bounds(tmp_path: Path) -> None:
+    """cases/coco/coco_bbox_zero_poly.json."""
+    (row,) = import_rows(
+        write_coco_file(tmp_path, {"bbox": [0, 0, 0, 0], "segmentation": [[100, 200, 400, 210, 400, 250, 100, 250]]})
+    )
+    assert [row[f"box_{side}_px"] for side in ("x", "y", "width", "height")] == [100, 200, 300, 50]
+    assert row["reason"] == "its bbox [0, 0, 0, 0] has no size: the bounds of its mask are used"
+
+
+def test_corners_are_told_by_their_areas(tmp_path: Path) -> None:
+    corners = [{"bbox": [100, 100, 150, 130], "area": 1500}, {"bbox": [10, 20, 110, 30], "area": 1000}]
+    with pytest.raises(InputDataError, match=r"seem to be \[x1, y1, x2, y2\]: the areas of all 2 boxes"):
+        import_rows(write_coco_file(tmp_path, *corners))
+    one, two = import_rows(write_coco_file(tmp_path, corners[0] | {"area": 19500}, corners[1] | {"area": 1000}))
+    assert one["reason"] is None
+    assert two["reason"] == "area is 1000, but its box is 110 x 30 px; the box is used"
+
+
+def test_corners_are_told_by_boxes_that_leave_their_images_otherwise(tmp_path: Path) -> None:
+    corners = [{"bbox": [500, 300, 600, 400]}, {"bbox": [400, 200, 500, 300]}, {"bbox": [1, 2, 30, 40]}]
+    with pytest.raises(InputDataError, match="2 of 3 leave their images, and as corners none does"):
+        import_rows(write_coco_file(tmp_path, *corners))
+    assert len(import_rows(write_coco_file(tmp_path, *corners, {"bbox": [400, 300, 50, 50]}))) == 4
+
+
+def test_a_crowd_is_told(tmp_path: Path) -> None:
+    (row,) = import_rows(write_coco_file(tmp_path, {"bbox": [1, 2, 3, 4], "iscrowd": 1}))
+    assert (row["detection_outcome"], row["reason"]) == ("accepted", "iscrowd is 1: taken as one defect")
 
 
 def test_no_annotations_is_an_empty_table(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from facadelake.core.errors import InputDataError
+from facadelake.detection.coco import StoredImage
 from facadelake.detection.crosswalk import build_crosswalk
 from facadelake.reviews.coco_import import read_coco_reviews
 from facadelake.reviews.csv_import import read_csv_reviews
@@ -29,6 +30,7 @@ FOUND = (
 )
 SHOWN = unreviewed(*FOUND)
 NAMES = build_crosswalk({})
+PHOTOGRAPHS = {name: StoredImage(width_px=width, height_px=height) for name, (width, height) in SIZES.items()}
 
 
 def task() -> ReviewTask:
@@ -68,7 +70,7 @@ def corrected(tmp_path: Path) -> Path:
 
 
 def test_kept_moved_deleted_and_drawn_boxes(corrected: Path) -> None:
-    parsed = read_coco_reviews(corrected, SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True)
+    parsed = read_coco_reviews(corrected, SHOWN, PHOTOGRAPHS, NAMES, PROVENANCE, deletions_count=True)
     assert parsed.remarks == ()
     by_verdict = {review.verdict: review for review in parsed.reviews}
     assert len(by_verdict) == len(parsed.reviews) == 4
@@ -84,7 +86,7 @@ def test_kept_moved_deleted_and_drawn_boxes(corrected: Path) -> None:
 
 
 def test_without_the_task_a_missing_box_says_nothing(corrected: Path) -> None:
-    parsed = read_coco_reviews(corrected, SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=False)
+    parsed = read_coco_reviews(corrected, SHOWN, PHOTOGRAPHS, NAMES, PROVENANCE, deletions_count=False)
     assert Counter(review.verdict for review in parsed.reviews) == {
         Verdict.CONFIRMED: 1, Verdict.CORRECTED: 1, Verdict.MISSED: 1,
     }  # fmt: skip
@@ -94,10 +96,12 @@ def test_attribute_that_came_back_decides_where_boxes_do_not(tmp_path: Path) -> 
     content = exported()
     one = next(entry for entry in content["annotations"] if entry["bbox"][1] == 500.0)
     one["bbox"] = [1000.0, 500.0, 100.0, 40.0]  # dragged far away
-    kept = read_coco_reviews(save(tmp_path / "a.json", content), SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True)
+    kept = read_coco_reviews(
+        save(tmp_path / "a.json", content), SHOWN, PHOTOGRAPHS, NAMES, PROVENANCE, deletions_count=True
+    )
     assert Counter(review.verdict for review in kept.reviews) == {Verdict.CONFIRMED: 3, Verdict.CORRECTED: 1}
     bare = read_coco_reviews(
-        save(tmp_path / "b.json", as_cvat(content)), SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True
+        save(tmp_path / "b.json", as_cvat(content)), SHOWN, PHOTOGRAPHS, NAMES, PROVENANCE, deletions_count=True
     )
     assert Counter(review.verdict for review in bare.reviews) == {
         Verdict.CONFIRMED: 3, Verdict.REJECTED: 1, Verdict.MISSED: 1,
@@ -109,7 +113,7 @@ def test_mask_drawn_into_a_box_is_a_correction_and_comes_back_as_it_was(tmp_path
     one = next(entry for entry in content["annotations"] if entry["bbox"][0] == 50.0)
     one["segmentation"] = [[50.0, 50.0, 350.0, 50.0, 50.0, 350.0]]
     parsed = read_coco_reviews(
-        save(tmp_path / "a.json", content), SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True
+        save(tmp_path / "a.json", content), SHOWN, PHOTOGRAPHS, NAMES, PROVENANCE, deletions_count=True
     )
     (changed,) = [review for review in parsed.reviews if review.verdict is Verdict.CORRECTED]
     assert changed.mask is not None
@@ -120,7 +124,7 @@ def test_mask_drawn_into_a_box_is_a_correction_and_comes_back_as_it_was(tmp_path
     )
     path = save(tmp_path / "b.json", build_coco_task(again, SIZES, photographs_uri="photos"))
     assert read_task(path).items == shown
-    same = read_coco_reviews(path, shown, SIZES, NAMES, PROVENANCE, deletions_count=True)
+    same = read_coco_reviews(path, shown, PHOTOGRAPHS, NAMES, PROVENANCE, deletions_count=True)
     assert {review.verdict for review in same.reviews} == {Verdict.CONFIRMED}
 
 
@@ -133,7 +137,7 @@ def test_mask_whose_rings_cross_stops_neither_reviews_nor_tiles(tmp_path: Path) 
         building_id="tower", campaign_id="2026-04", run_id="run-1", photographs=tuple(SIZES), items=shown
     )
     path = save(tmp_path / "a.json", build_coco_task(given, SIZES, photographs_uri="photos"))
-    parsed = read_coco_reviews(path, shown, SIZES, NAMES, PROVENANCE, deletions_count=True)
+    parsed = read_coco_reviews(path, shown, PHOTOGRAPHS, NAMES, PROVENANCE, deletions_count=True)
     assert {review.verdict for review in parsed.reviews} == {Verdict.CONFIRMED}
     (material,) = (
         one for one in collect_reviewed_photographs(match_reviews(parsed.reviews, found)) if one.photo_id == "p1.jpg"
@@ -154,7 +158,7 @@ def test_what_cannot_be_used_is_a_remark_and_the_rest_counts(tmp_path: Path) -> 
     ]
     content["annotations"] += bad
     parsed = read_coco_reviews(
-        save(tmp_path / "a.json", content), SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True
+        save(tmp_path / "a.json", content), SHOWN, PHOTOGRAPHS, NAMES, PROVENANCE, deletions_count=True
     )
     assert Counter(review.verdict for review in parsed.reviews) == {Verdict.CONFIRMED: 4}
     wanted = ("graffiti", "must be [x, y, width, height]", "outside the photograph", "none of the campaign's")
@@ -165,7 +169,9 @@ def test_what_cannot_be_used_is_a_remark_and_the_rest_counts(tmp_path: Path) -> 
 
 def test_file_of_another_campaign_is_refused(tmp_path: Path, corrected: Path) -> None:
     with pytest.raises(InputDataError, match=r"none of its 1 images is a photograph of this campaign in its size"):
-        read_coco_reviews(corrected, (), {"q.jpg": (10, 10)}, NAMES, PROVENANCE, deletions_count=True)
+        read_coco_reviews(
+            corrected, (), {"q.jpg": StoredImage(width_px=10, height_px=10)}, NAMES, PROVENANCE, deletions_count=True
+        )
     with pytest.raises(InputDataError, match=r"is not a task of 'facadelake review export-task'"):
         read_task(corrected)
 
@@ -177,13 +183,16 @@ def test_photograph_of_another_size_was_not_reviewed(tmp_path: Path) -> None:
         if entry["image_id"] == 1:
             entry["bbox"] = [value / 2 for value in entry["bbox"]]
     path = save(tmp_path / "a.json", as_cvat(content))
-    parsed = read_coco_reviews(path, SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True)
+    parsed = read_coco_reviews(path, SHOWN, PHOTOGRAPHS, NAMES, PROVENANCE, deletions_count=True)
     assert [review.photo_id for review in parsed.reviews] == ["p1.jpg"]
     (remark,) = parsed.remarks
-    assert "p0.jpg is 800 x 600 px in the file, but the photograph is 1600 x 1200 px" in remark
+    assert (
+        "p0.jpg counts as not reviewed: the file states an image of 800 x 600 px, the photograph has 1600 x 1200 px"
+        in remark
+    )
     content["images"].pop()
-    with pytest.raises(InputDataError, match=r"in its size \(p0\.jpg is 800 x 600 px in the file"):
-        read_coco_reviews(save(path, content), SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True)
+    with pytest.raises(InputDataError, match=r"in its size \(p0\.jpg counts as not reviewed: .* 800 x 600 px"):
+        read_coco_reviews(save(path, content), SHOWN, PHOTOGRAPHS, NAMES, PROVENANCE, deletions_count=True)
 
 
 def test_rejected_place_drawn_again_is_confirmed_and_left_away_stays(tmp_path: Path) -> None:
@@ -192,7 +201,7 @@ def test_rejected_place_drawn_again_is_confirmed_and_left_away_stays(tmp_path: P
     content = exported()
     content["annotations"] = content["annotations"][:1]
     path = save(tmp_path / "a.json", as_cvat(content))
-    (review,) = read_coco_reviews(path, places, SIZES, NAMES, PROVENANCE, deletions_count=True).reviews
+    (review,) = read_coco_reviews(path, places, PHOTOGRAPHS, NAMES, PROVENANCE, deletions_count=True).reviews
     assert (review.subject, review.verdict, review.box) == (SHOWN[0].subject, Verdict.CONFIRMED, SHOWN[0].box)
 
 
@@ -234,7 +243,7 @@ def test_filled_in_table(tmp_path: Path) -> None:
         write_task(tmp_path / "task", exported(), text, [])
     (tmp_path / "other.csv").write_text("a,b\n1,2\n")
     with pytest.raises(InputDataError, match=r"has the columns a, b; it needs 'verdict'"):
-        read_csv_reviews(tmp_path / "other.csv", SHOWN, SIZES, NAMES, PROVENANCE)
+        read_csv_reviews(tmp_path / "other.csv", SHOWN, PHOTOGRAPHS, NAMES, PROVENANCE)
 
 
 def test_review_of_a_defect_leaves_its_rejected_observations_unless_all_are(tmp_path: Path) -> None:
@@ -270,7 +279,7 @@ def test_missed_defect_that_is_confirmed_stays_missed_and_can_be_taken_back(tmp_
 
 
 def test_reviews_survive_the_table(corrected: Path) -> None:
-    parsed = read_coco_reviews(corrected, SHOWN, SIZES, NAMES, PROVENANCE, deletions_count=True).reviews
+    parsed = read_coco_reviews(corrected, SHOWN, PHOTOGRAPHS, NAMES, PROVENANCE, deletions_count=True).reviews
     table = table_from_reviews(parsed, building_id="tower", campaign_id="2026-04")
     assert sorted(reviews_from_table(table), key=lambda review: review.subject) == sorted(
         parsed, key=lambda review: review.subject

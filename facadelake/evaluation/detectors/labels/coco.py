@@ -6,9 +6,14 @@ from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 
-from facadelake.detection import Box, Crosswalk
-from facadelake.detection.coco import CocoAnnotation, CocoImage, bound_segmentation, parse_number, read_coco
+from facadelake.core.photo_names import PhotoNames
+from facadelake.detection import Crosswalk
+from facadelake.detection.coco import CocoAnnotation, CocoFile, StoredImage, find_views, parse_shape, read_coco
+from facadelake.detection.inference import read_exif_orientation
 from facadelake.evaluation.detectors.labels.labels import LabelCollector, LabelledSet, TruthBox, find_photographs
+
+_OTHER_SIZE = "photographs of another size than in the labels (rotated or resized)"
+_EXIF_UNKNOWN = "photographs that EXIF turns, where the labels do not tell whether they are of the turned view"
 
 
 def read_coco_labels(file: Path, crosswalk: Crosswalk) -> LabelledSet:
@@ -27,63 +32,48 @@ def read_coco_labels(file: Path, crosswalk: Crosswalk) -> LabelledSet:
         if annotation.image_id not in coco.images:
             collector.left_out["boxes of an image that is not in the file"] += 1
         by_image[annotation.image_id].append(annotation)
-    index = _PhotographIndex(root, file.parent)
-    for image_id, image in coco.images.items():
-        path = index.find(image.file_name)
-        if path is None:
-            collector.left_out["photographs that do not exist"] += 1
-            continue
-        size = collector.read_size(path)
-        if size is None:
-            continue
-        if not _is_size_as_stated(image, size):
-            collector.left_out["photographs of another size than in the labels (rotated or resized)"] += 1
+    paths = _find_paths(coco, file, root, collector)
+    views = find_views(coco, {image_id: stored for image_id, (_, stored) in paths.items()}, None)
+    for image_id, (path, stored) in paths.items():
+        view = views[image_id]
+        if isinstance(view, str):
+            collector.left_out[_EXIF_UNKNOWN if stored.orientation != 1 else _OTHER_SIZE] += 1
             continue
         boxes = []
         for annotation in by_image[image_id]:
             defect_class = classes.get(annotation.category_id)
-            box = _parse_box(annotation, size)
-            if box is None:
+            shape = parse_shape(annotation, view)
+            if shape.box is None:
                 collector.left_out["boxes that are not four numbers"] += 1
+            elif shape.problem and shape.box.width_px > 0 and shape.box.height_px > 0:
+                collector.left_out["boxes with a rotation that cannot be used"] += 1
             elif defect_class is None:
                 name = coco.categories.get(annotation.category_id, f"category {annotation.category_id}")
                 collector.left_out[f"boxes of class '{name}', which has no defect class"] += 1
             else:
-                boxes.append(TruthBox(box=box, defect_class=defect_class, ignored=annotation.is_crowd))
-        collector.add(path, size, boxes, labelled)
+                boxes.append(TruthBox(box=shape.box, defect_class=defect_class, ignored=annotation.is_crowd))
+        collector.add(path, (stored.width_px, stored.height_px), boxes, labelled)
     return replace(collector.create_set("coco"), source=file)
 
 
-class _PhotographIndex:
-    """Index of the photographs of a COCO file."""
-
-    def __init__(self, root: Path, folder: Path) -> None:
-        self._folders = list(dict.fromkeys([folder, folder / "images", root, root / "images"]))
-        self._by_name: dict[str, list[Path]] = defaultdict(list)
-        for path in find_photographs(root):
-            self._by_name[path.name].append(path)
-
-    def find(self, file_name: str) -> Path | None:
-        name = file_name.replace("\\", "/")
-        for folder in self._folders:
-            if (folder / name).is_file():
-                return folder / name
-        same_name = self._by_name.get(name.rsplit("/", 1)[-1], [])
-        return same_name[0] if len(same_name) == 1 else None
-
-
-def _is_size_as_stated(image: CocoImage, size: tuple[int, int]) -> bool:
-    stated = (image.width_px, image.height_px)
-    return None in stated or stated == size
-
-
-def _parse_box(annotation: CocoAnnotation, size: tuple[int, int]) -> Box | None:
-    bbox = annotation.bbox
-    if bbox is None:
-        bbox = bound_segmentation(annotation.segmentation, *size)
-    values = [parse_number(value) for value in bbox] if isinstance(bbox, list) else []
-    numbers = [value for value in values if value is not None]
-    if len(values) != 4 or len(numbers) != 4:
-        return None
-    x, y, width, height = numbers
-    return Box(x_px=x, y_px=y, width_px=width, height_px=height)
+def _find_paths(
+    coco: CocoFile, file: Path, root: Path, collector: LabelCollector
+) -> dict[int | str, tuple[Path, StoredImage]]:
+    """The photograph of each image that can be read: as the file names it in one of the usual folders, else by its name
+    among all photographs below ``root``."""
+    folders = list(dict.fromkeys([file.parent, file.parent / "images", root, root / "images"]))
+    by_key = {path.relative_to(root).as_posix(): path for path in find_photographs(root)}
+    matches = PhotoNames(by_key).match_all(image.file_name for image in coco.images.values())
+    found = {}
+    for image_id, image in coco.images.items():
+        name = image.file_name.replace("\\", "/")
+        path = next((folder / name for folder in folders if (folder / name).is_file()), None)
+        path = path or by_key.get(matches[image.file_name].photo_id or "")
+        if path is None:
+            collector.left_out["photographs that do not exist, or whose name matches several"] += 1
+            continue
+        size = collector.read_size(path)
+        if size is not None:
+            orientation = read_exif_orientation(path)
+            found[image_id] = (path, StoredImage(width_px=size[0], height_px=size[1], orientation=orientation))
+    return found

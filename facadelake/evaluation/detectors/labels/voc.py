@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 from defusedxml import ElementTree
 from defusedxml.common import DefusedXmlException
 
+from facadelake.core.photo_names import PhotoNames
 from facadelake.detection import Box, Crosswalk
+from facadelake.detection.inference import read_exif_orientation
 from facadelake.evaluation.detectors.labels.labels import LabelCollector, LabelledSet, TruthBox, find_photographs
 from schemas.vocabulary import DefectClass
 
@@ -25,19 +27,17 @@ def read_voc_labels(folder: Path, crosswalk: Crosswalk) -> LabelledSet:
     files counts as labelled in all photographs.
     """
     collector = LabelCollector(folder)
-    by_name: dict[str, list[Path]] = {}
-    for photograph in find_photographs(folder):
-        by_name.setdefault(photograph.name, []).append(photograph)
-        by_name.setdefault(photograph.stem, []).append(photograph)
+    by_key = {photograph.relative_to(folder).as_posix(): photograph for photograph in find_photographs(folder)}
+    names = PhotoNames(by_key)
     read: list[tuple[Path, tuple[int, int], list[TruthBox]]] = []
     labelled: set[DefectClass] = set()
     for file in sorted(folder.rglob("*.xml")):
         tree = _read_annotation(file, collector)
         if tree is None:
             continue
-        path = _find_photograph(tree, file, by_name)
+        path = by_key.get(_find_photograph(tree, file.relative_to(folder), names) or "")
         if path is None:
-            collector.left_out["photographs that do not exist"] += 1
+            collector.left_out["photographs that do not exist, or whose name matches several"] += 1
             continue
         size = collector.read_size(path)
         if size is None:
@@ -45,6 +45,9 @@ def read_voc_labels(folder: Path, crosswalk: Crosswalk) -> LabelledSet:
         stated = tuple(_parse_number(tree.findtext(f"size/{side}")) for side in ("width", "height"))
         if None not in stated and 0 not in stated and stated != size:
             collector.left_out["photographs of another size than in the labels (rotated or resized)"] += 1
+            continue
+        if read_exif_orientation(path) != 1:
+            collector.left_out["photographs that EXIF turns (VOC does not define the view of its boxes)"] += 1
             continue
         boxes = []
         for element in tree.iterfind("object"):
@@ -74,18 +77,16 @@ def _read_annotation(file: Path, collector: LabelCollector) -> Element | None:
     return tree if tree is not None and tree.tag == "annotation" else None
 
 
-def _find_photograph(tree: Element, file: Path, by_name: dict[str, list[Path]]) -> Path | None:
-    """The photograph by ``filename``, else by the XML file's name: beside it, in VOC's folder, or the only one of the
-    name."""
+def _find_photograph(tree: Element, file: Path, names: PhotoNames) -> str | None:
+    """The key of the photograph by ``filename``, else by the XML file's name: beside it, in VOC's folder, or the only
+    one of the name."""
     stated = (tree.findtext("filename") or "").strip().replace("\\", "/").rsplit("/", 1)[-1]
+    folders = (file.parent, file.parent.parent / "JPEGImages", file.parent.parent / "images")
     for name in filter(None, (stated, file.stem)):
-        same_name = list(dict.fromkeys(by_name.get(name, [])))
-        for folder in (file.parent, file.parent.parent / "JPEGImages", file.parent.parent / "images"):
-            in_folder = [path for path in same_name if path.parent == folder]
-            if len(in_folder) == 1:
-                return in_folder[0]
-        if len(same_name) == 1:
-            return same_name[0]
+        near = (names.match(f"./{(folder / name).as_posix()}").photo_id for folder in folders)
+        found = next(filter(None, near), None) or names.match(name).photo_id
+        if found:
+            return found
     return None
 
 

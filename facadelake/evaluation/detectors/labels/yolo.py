@@ -12,7 +12,7 @@ import yaml
 
 from facadelake.core.errors import InputDataError
 from facadelake.detection import Box, Crosswalk
-from facadelake.detection.inference import has_exif_rotation
+from facadelake.detection.inference import read_exif_orientation
 from facadelake.evaluation.detectors.labels.labels import LabelCollector, LabelledSet, TruthBox, find_photographs
 
 # Labelling tools write shares of the rotated view; nothing states whether this one did.
@@ -58,7 +58,7 @@ def read_yolo_labels(folder: Path, crosswalk: Crosswalk, class_names: Sequence[s
             except (OSError, UnicodeDecodeError):
                 collector.left_out["photographs whose text file cannot be read"] += 1
                 continue
-        if lines and has_exif_rotation(path):
+        if lines and read_exif_orientation(path) != 1:
             collector.left_out[_EXIF_ROTATED] += 1
             continue
         boxes = []

@@ -56,14 +56,16 @@ def test_boxes_of_a_file_are_filtered_and_found_by_the_end_of_their_path(tmp_pat
     file = tmp_path / "found.json"
     file.write_text(json.dumps(content))
     looker = CocoPredictionSource(file, threshold=0.5)
-    assert looker.unusable == 1
     one = image("walls/north/a.png")
     one = replace(one, path=picture(tmp_path / "a.png"))
     other = replace(one, key="walls/south/a.png")
     found = collect_predictions(looker, [one, other], build_crosswalk({}))
     assert [(p.score, p.box.width_px) for p in found.above_threshold[one.key]] == [(1.0, 5), (0.9, 30)]  # cut to 100 px
     assert len(found.above_floor[one.key]) == 3 and not found.above_threshold[other.key]
-    assert found.left_out == {"predicted boxes of class 'person', which has no defect class": 1}
+    assert found.left_out == {
+        "predicted boxes of class 'person', which has no defect class": 1,
+        "predicted boxes without four numbers and an area, or with an unusable rotation": 1,
+    }
 
 
 def test_a_broken_photograph_is_left_out(tmp_path: Path) -> None:
