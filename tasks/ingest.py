@@ -7,7 +7,7 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.building import read_building
+from facadelake.building import check_registered_mesh, read_building
 from facadelake.building.surface import build_horizontal_distance
 from facadelake.core.hashing import hash_file, hash_files
 from facadelake.core.tables import write_table
@@ -38,6 +38,7 @@ def ingest(job: InspectionJob, model: StageResult | None) -> StageResult:
             positions=read_registered_positions(building, campaign_id),
             used_kinds=[PhotoOutcome(kind) for kind in building.use_photographs],
         )
+        check_registered_mesh(building, photos)
         write_table("photos", photos, folder)
         return Counter(photos.column("photo_outcome").to_pylist())
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import pyarrow as pa
+
 from facadelake.building.ifc.load import IfcModelSettings, load_ifc_building
 from facadelake.building.mesh.files import MeshAxes
-from facadelake.building.mesh.load import MeshModelSettings, load_mesh_building
+from facadelake.building.mesh.load import MeshModelSettings, check_mesh_against_photographs, load_mesh_building
 from facadelake.building.model import BuildingModel
 from facadelake.building.model_georeference.control_pairs import ControlPair
 from facadelake.building.model_georeference.length_units import LengthUnit
@@ -21,6 +23,15 @@ def read_registered_model(building: Building) -> BuildingModel:
     if building.surface_kind is SurfaceKind.MESH:
         return load_mesh_building(path, settings=mesh_settings_from_registry(building))
     return load_ifc_building(path, settings=ifc_settings_from_registry(building))
+
+
+def check_registered_mesh(building: Building, photos: pa.Table) -> None:
+    """Check the reading of the building's mesh against table ``photos``; no mesh, nothing to check.
+
+    Raises GeoreferenceError if the photographs fit another upward axis or unit.
+    """
+    if building.surface_kind is SurfaceKind.MESH:
+        check_mesh_against_photographs(building.locate_model(), photos, settings=mesh_settings_from_registry(building))
 
 
 def ifc_settings_from_registry(building: Building) -> IfcModelSettings:
@@ -49,7 +60,7 @@ def mesh_settings_from_registry(building: Building) -> MeshModelSettings:
         offset_file=building.locate_offset_file(),
         origin=_origin_from_registry(building),
         axes=MeshAxes(crs.axes) if crs.axes else None,
-        unit_m=UNITS_M[crs.unit or "metre"],
+        unit=crs.unit,
         storeys=_storeys_from_registry(building),
     )
 

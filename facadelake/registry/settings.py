@@ -84,7 +84,7 @@ class ControlPairSetting(StrictModel):
     map_m: tuple[float, float, float]
 
 
-LengthUnitName = Literal["metre", "millimetre", "foot", "us_survey_foot"]
+LengthUnitName = Literal["metre", "centimetre", "millimetre", "inch", "foot", "us_survey_foot"]
 
 
 class BuildingCrs(StrictModel):

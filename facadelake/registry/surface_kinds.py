@@ -12,7 +12,14 @@ from schemas.vocabulary import SurfaceKind
 AS_BUILT = "as-built"  # keyword in place of the path of a model
 _IFC_SUFFIX = ".ifc"
 _MESH_SUFFIXES = (".obj", ".ply", ".stl", ".glb", ".gltf")
-UNITS_M = {"metre": 1.0, "millimetre": 0.001, "foot": 0.3048, "us_survey_foot": 1200 / 3937}
+UNITS_M = {
+    "metre": 1.0,
+    "centimetre": 0.01,
+    "millimetre": 0.001,
+    "inch": 0.0254,
+    "foot": 0.3048,
+    "us_survey_foot": 1200 / 3937,
+}
 _IFC, _MESH, _AS_BUILT = SurfaceKind.IFC, SurfaceKind.MESH, SurfaceKind.AS_BUILT
 _APPLICABLE_KINDS = {
     "placement": (_IFC, _MESH),

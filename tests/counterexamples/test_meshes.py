@@ -8,8 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from facadelake.building.mesh.load import MeshModelSettings, load_mesh_building, place_building_without_model
+from facadelake.building.mesh.files import MeshAxes
+from facadelake.building.mesh.load import (
+    MeshModelSettings,
+    check_mesh_against_photographs,
+    load_mesh_building,
+    place_building_without_model,
+)
 from facadelake.core.errors import FacadelakeError, GeoreferenceError, ModelError
+from tests.unit.building.test_mesh_readings import SETTINGS as PLACED
+from tests.unit.building.test_mesh_readings import flight, write_hall
 
 SETTINGS = MeshModelSettings(map_crs="EPSG:25832", vertical_datum="ellipsoidal")
 WALL = "v 0 0 0\nv 9 0 0\nv 9 0 9\nf 1 2 3\n"
@@ -35,7 +43,7 @@ def refused(kind: type[FacadelakeError], path: Path, settings: MeshModelSettings
         (
             "v 0 0 0\nv 20000 0 0\nv 0 0 9000\nf 1 2 3\n",
             "hall.obj is 20,000 m across with a unit of 1.0 m (a building has 1 to 5,000 m); set crs.unit in the "
-            "portfolio (metre, millimetre, foot, us_survey_foot), or crop the mesh to the building",
+            "portfolio (metre, centimetre, millimetre, inch, foot, us_survey_foot), or crop the mesh to the building",
         ),
         (
             WALL,
@@ -82,3 +90,34 @@ def test_neither_model_nor_gps() -> None:
         "none of the 3 photographs has a GPS position and there is no model, so the building's position is unknown; "
         "set crs.origin (lon_deg, lat_deg, height_ellipsoidal_m) in the portfolio"
     )
+
+
+def test_axis_and_unit_are_told_and_the_photographs_may_contradict_them(tmp_path: Path) -> None:
+    said = load_mesh_building(write_hall(tmp_path / "hall.obj"), settings=PLACED).remarks
+    assert said.endswith(
+        "the mesh was read with z up (crs.axes is not set) and metre as its unit (crs.unit is not set): it is 30.0 x "
+        "12.0 m in plan and 9.0 m high"
+    )
+    with pytest.raises(GeoreferenceError) as caught:
+        check_mesh_against_photographs(write_hall(tmp_path / "hall.obj", axes=MeshAxes.Y_UP), flight(), settings=PLACED)
+    parts = (
+        "read with crs.axes: z-up, crs.unit: metre, the mesh is 30.0 x 9.0 x 12.0 m, and ",
+        " photographs stand outside it and look at it by their own metadata; read with crs.axes: y-up, crs.unit: "
+        "metre, it is 30.0 x 12.0 x 9.0 m, and ",
+        " do (limit: 25% more): set crs.axes and crs.unit in the portfolio",
+    )
+    assert all(part in str(caught.value) for part in parts)
+
+
+def test_a_mesh_that_is_very_high_in_metres(tmp_path: Path) -> None:
+    assert refused(ModelError, write_hall(tmp_path / "hall.obj", unit_m=0.01), PLACED) == (
+        "hall.obj is 900 m high in metres (limit 200 m where crs.unit is not set), 9.0 m in centimetre, 0.9 m in "
+        "millimetre, 22.9 m in inch, 274.3 m in foot, 274.3 m in us_survey_foot; set crs.unit in the portfolio, also "
+        "if it is metre"
+    )
+
+
+def test_map_coordinates_with_y_up(tmp_path: Path) -> None:
+    path = write_hall(tmp_path / "hall.obj", axes=MeshAxes.Y_UP, offset=(456639.0, 5421033.0, 178.0))
+    said = refused(GeoreferenceError, path)
+    assert "(Europe between 6°E and 12°E); read with crs.axes: y-up, crs.unit: metre, it would lie in it; check" in said

@@ -48,7 +48,7 @@ def in_international_feet(path: Path) -> Path:
             unchanged,
             "the model's lowest point is at height 178,250.0 m (its origin at 178,250.0 m), where no building stands "
             "(limits -500 to 9,000 m); in millimetres (178.25 m) it would be possible; correct OrthogonalHeight, the "
-            "elevation or its unit in the IFC, or set crs.placement in the portfolio",
+            "elevation or its unit in the model, or set crs.placement in the portfolio",
         ),
         (
             Ifc(crs=CRS, conversion=CONVERSION | {"Scale": 1.02}),
@@ -68,7 +68,7 @@ def in_international_feet(path: Path) -> Path:
             in_international_feet,
             "read in MapUnit FOOT (0.3048 m), the model lies outside the area of use of EPSG:25832 (Europe between 6°E "
             "and 12°E), read in the unit of EPSG:25832, metre (1 m), it lies in it; correct MapUnit in the IFC, or set "
-            "crs.map_unit in the portfolio (metre, millimetre, foot, us_survey_foot)",
+            "crs.map_unit in the portfolio (metre, centimetre, millimetre, inch, foot, us_survey_foot)",
         ),
         (
             IN_FEET,

@@ -183,3 +183,14 @@ def test_an_unknown_severity_rule_pack(tmp_path: Path) -> None:
         f"there is no severity rule pack extent_v9 in {folder}; available: bre251_v1, concrete_03_v1, extent_v1, "
         "nyc_fisp_v1, paper_crack_width_v1, width_and_extent_v1"
     )
+
+
+@pytest.mark.parametrize("model", ["hall.ifczip", "hall.dwg", "hall"])
+def test_a_model_of_no_known_kind(tmp_path: Path, model: str) -> None:
+    with pytest.raises(InputDataError) as raised:
+        hall(tmp_path, GOOD.replace("models/hall.ifc", model))
+    said = (
+        "is of no known kind; allowed are an IFC (.ifc, not zipped), a mesh (.obj, .ply, .stl, .glb, .gltf), and the "
+        "keyword 'as-built' for none"
+    )
+    assert said in str(raised.value)

@@ -19,7 +19,7 @@ from facadelake.building.model import BuildingModel
 from facadelake.building.model_georeference.candidates import find_georeferences
 from facadelake.building.model_georeference.control_pairs import ControlPair
 from facadelake.building.model_georeference.length_units import LengthUnit, read_project_unit
-from facadelake.building.model_georeference.map_placement import MapPlacement, ModelGeoreference
+from facadelake.building.model_georeference.map_placement import MapPlacement, ModelGeoreference, require_origin_near
 from facadelake.building.model_georeference.selection import select_georeference
 from facadelake.building.storeys import StoreyElevation, StoreyLevel
 from facadelake.building.surface.raycasting import Surface
@@ -82,6 +82,7 @@ def load_ifc_building(path: Path, *, settings: IfcModelSettings) -> BuildingMode
     extent = np.array([vertices_ifc.min(axis=0), vertices_ifc.max(axis=0)])
     centre = extent.mean(axis=0)
     georeference = select_georeference(candidates, extent)
+    require_origin_near(settings.origin, georeference.geo_from_ifc(centre[None])[0])
     origin = settings.origin or choose_site_origin(georeference, centre)
     starts = np.cumsum([0, *(len(mesh.vertices_ifc_m) for mesh in meshes[:-1])])
     triangles = np.vstack([mesh.triangles + start for mesh, start in zip(meshes, starts, strict=True)])

@@ -12,6 +12,7 @@ import trimesh
 
 from facadelake.core.arrays import Float64Nx3, Int64Nx3
 from facadelake.core.errors import ModelError
+from facadelake.registry import UNITS_M
 
 _log = logging.getLogger(__name__)
 
@@ -33,10 +34,14 @@ class MeshAxes(StrEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeshFile:
-    """``vertices_m`` (n, 3), z up, relative to the file's origin; ``triangles`` (m, 3) rows of vertices."""
+    """``vertices_m`` (n, 3), z up, relative to the file's origin; ``triangles`` (m, 3) rows of vertices.
+
+    ``axes`` is the reading of the file's axes.
+    """
 
     vertices_m: Float64Nx3
     triangles: Int64Nx3
+    axes: MeshAxes
 
 
 def read_mesh_file(path: Path, *, axes: MeshAxes | None = None, unit_m: float = 1.0) -> MeshFile:
@@ -75,15 +80,27 @@ def read_mesh_file(path: Path, *, axes: MeshAxes | None = None, unit_m: float = 
             "portfolio, or export OBJ or double-precision PLY with all digits"
         )
     axes = axes or (MeshAxes.Y_UP if path.suffix.lower() in (".glb", ".gltf") else MeshAxes.Z_UP)
-    if axes is MeshAxes.Y_UP:  # x right, y up, z towards the viewer
-        vertices = vertices[:, [0, 2, 1]] * np.array([1.0, -1.0, 1.0])
+    if axes is MeshAxes.Y_UP:
+        vertices = turn_y_up(vertices)
     corners = vertices[triangles]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
     if not (area > _MIN_TRIANGLE_M2).any():
         raise ModelError(f"{path.name}: all {len(triangles)} triangles have zero area; export the mesh again")
     triangles = triangles[area > _MIN_TRIANGLE_M2]
     _log.info("%s: %d triangles", path.name, len(triangles))
-    return MeshFile(vertices_m=vertices, triangles=triangles)
+    return MeshFile(vertices_m=vertices, triangles=triangles, axes=axes)
+
+
+def turn_y_up(vertices: Float64Nx3) -> Float64Nx3:
+    """Vertices (n, 3) with y up (x right, z towards the viewer) as vertices with z up."""
+    turned: Float64Nx3 = vertices[:, [0, 2, 1]] * np.array([1.0, -1.0, 1.0])
+    return turned
+
+
+def turn_z_up(vertices: Float64Nx3) -> Float64Nx3:
+    """The inverse of ``turn_y_up``: what a file with z up has where it was read with y up."""
+    turned: Float64Nx3 = vertices[:, [0, 2, 1]] * np.array([1.0, 1.0, -1.0])
+    return turned
 
 
 def _load_parts(path: Path) -> tuple[Float64Nx3, Int64Nx3, float]:
@@ -150,6 +167,6 @@ def _check_size(path: Path, vertices: Float64Nx3, unit_m: float) -> None:
     if not _MIN_SIZE_M <= size_m <= _MAX_SIZE_M:
         raise ModelError(
             f"{path.name} is {size_m:,.6g} m across with a unit of {unit_m} m (a building has {_MIN_SIZE_M:.0f} to "
-            f"{_MAX_SIZE_M:,.0f} m); set crs.unit in the portfolio (metre, millimetre, foot, us_survey_foot), or crop "
+            f"{_MAX_SIZE_M:,.0f} m); set crs.unit in the portfolio ({', '.join(UNITS_M)}), or crop "
             "the mesh to the building"
         )

@@ -7,10 +7,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 
 from facadelake.building.mesh.facade_planes import build_plane_elements, segment_facade_planes
-from facadelake.building.mesh.files import MeshAxes, read_mesh_file
+from facadelake.building.mesh.files import MeshAxes, MeshFile, read_mesh_file
 from facadelake.building.mesh.offset import MeshOffset, read_mesh_offset
+from facadelake.building.mesh.readings import (
+    MeshReading,
+    describe_reading,
+    list_other_readings,
+    read_photograph_rays,
+    require_reading_fits,
+)
 from facadelake.building.model import BuildingModel
 from facadelake.building.model_georeference.crs_parsing import parse_vertical_datum, split_crs
 from facadelake.building.model_georeference.map_placement import (
@@ -18,17 +26,24 @@ from facadelake.building.model_georeference.map_placement import (
     MapPlacement,
     ModelGeoreference,
     geo_from_map,
+    require_origin_near,
 )
+from facadelake.building.model_georeference.selection import require_possible_heights
 from facadelake.building.model_georeference.site_placement import utm_from_lon_lat
 from facadelake.building.storeys import StoreyElevation, StoreyLevel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import Float64Nx2, Float64Nx3, Float64x3, Int64Nx3
-from facadelake.core.errors import GeoreferenceError
-from facadelake.core.geodesy import SiteOrigin, name_area_of_use, promote_to_3d
+from facadelake.core.errors import GeoreferenceError, ModelError
+from facadelake.core.geodesy import AREA_MARGIN_DEG, SiteOrigin, is_in_area_of_use, name_area_of_use, promote_to_3d
 from facadelake.core.tables import table_from_rows
+from facadelake.registry import UNITS_M
 from schemas.vocabulary import SurfaceKind
 
 _MAP_COORDINATES = MapPlacement(east_m=0.0, north_m=0.0, height_m=0.0)
+_DEFAULT_UNIT = "metre"
+_MAX_DEFAULT_HEIGHT_M = 200.0  # few buildings are higher, and all are in centimetres or inches
+_NEARLY_SAME_UNIT = 1e-3  # the two feet
+_MAX_SHIFT_M = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +52,8 @@ class MeshModelSettings:
 
     ``map_crs``: the projected CRS; ``vertical_datum``: "ellipsoidal" or a vertical CRS such as "EPSG:7837".
     ``placement`` or ``offset_file``: position of the mesh's origin on the map; without either its coordinates are map
-    coordinates. ``unit_m``: metres per unit of the mesh. ``origin``: origin of the site frame; None derives it from
+    coordinates. ``axes`` and ``unit`` (a key of ``UNITS_M``): how the mesh is read; None takes the format's
+    default. ``origin``: origin of the site frame; None derives it from
     the building.
     """
 
@@ -47,7 +63,7 @@ class MeshModelSettings:
     offset_file: Path | None = None
     origin: SiteOrigin | None = None
     axes: MeshAxes | None = None
-    unit_m: float = 1.0
+    unit: str | None = None
     storeys: Sequence[StoreyElevation] = ()
 
 
@@ -56,24 +72,79 @@ def load_mesh_building(path: Path, *, settings: MeshModelSettings) -> BuildingMo
 
     Raises ModelError for a mesh that cannot be used, GeoreferenceError if its position is not stated or invalid.
     """
-    offset = read_mesh_offset(settings.offset_file) if settings.offset_file else None
-    horizontal, vertical = _resolve_crs(settings, offset)
-    mesh = read_mesh_file(path, axes=settings.axes, unit_m=settings.unit_m)
-    georeference = ModelGeoreference(
-        placement=settings.placement or (_placement_from_offset(offset, horizontal) if offset else _MAP_COORDINATES),
-        map_crs=horizontal,
-        vertical_datum=vertical,
-        level=REGISTRY_LEVEL,
-        remarks=_describe_placement(settings, offset, horizontal),
-    )
-    centre = (mesh.vertices_m.min(axis=0) + mesh.vertices_m.max(axis=0)) / 2
-    geo = _locate_mesh(path, georeference, centre)
+    mesh, taken, georeference = _read_placed_mesh(path, settings)
+    geo = _locate_mesh(path, georeference, mesh, taken, settings)
+    require_possible_heights(georeference, np.array([mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)]))
+    require_origin_near(settings.origin, geo)
     building = _create_building(settings.origin or _round_origin(geo), georeference, settings)
     return attach_surface(
         replace(building, surface_kind=SurfaceKind.MESH),
         building.origin.site_from_geo(georeference.geo_from_ifc(mesh.vertices_m)),
         mesh.triangles,
     )
+
+
+def check_mesh_against_photographs(path: Path, photos: pa.Table, *, settings: MeshModelSettings) -> None:
+    """Check the upward axis and the unit with which a mesh was read, as far as the portfolio leaves them open.
+
+    Args:
+        path: the mesh.
+        photos: table ``photos`` of the campaign.
+        settings: the portfolio's statements.
+
+    Raises:
+        GeoreferenceError: the photographs' positions and attitudes fit another reading, and do not fit this one.
+    """
+    mesh, taken, georeference = _read_placed_mesh(path, settings)
+    others = list_other_readings(taken, axes=settings.axes, unit=settings.unit)
+    rays = read_photograph_rays(photos)
+    if not others or not len(rays.geo):
+        return
+    centre = (mesh.vertices_m.min(axis=0) + mesh.vertices_m.max(axis=0)) / 2
+    origin = settings.origin or _round_origin(georeference.geo_from_ifc(centre[None])[0])
+    require_reading_fits(
+        taken,
+        others,
+        mesh.vertices_m,
+        mesh.triangles,
+        lambda vertices_m: origin.site_from_geo(georeference.geo_from_ifc(vertices_m)),
+        replace(rays, geo=origin.site_from_geo(rays.geo)),
+    )
+
+
+def _read_placed_mesh(path: Path, settings: MeshModelSettings) -> tuple[MeshFile, MeshReading, ModelGeoreference]:
+    """The mesh, how it was read, and where it stands."""
+    offset = read_mesh_offset(settings.offset_file) if settings.offset_file else None
+    horizontal, vertical = _resolve_crs(settings, offset)
+    unit = settings.unit or _DEFAULT_UNIT
+    mesh = read_mesh_file(path, axes=settings.axes, unit_m=UNITS_M[unit])
+    taken = MeshReading(axes=mesh.axes, unit=unit)
+    remarks = (
+        _describe_placement(settings, offset, horizontal),
+        describe_reading(taken, mesh.vertices_m, axes=settings.axes, unit=settings.unit),
+    )
+    georeference = ModelGeoreference(
+        placement=settings.placement or (_placement_from_offset(offset, horizontal) if offset else _MAP_COORDINATES),
+        map_crs=horizontal,
+        vertical_datum=vertical,
+        level=REGISTRY_LEVEL,
+        remarks="; ".join(remarks),
+    )
+    _require_possible_height(path, taken, mesh.vertices_m, settings)
+    return mesh, taken, georeference
+
+
+def _require_possible_height(
+    path: Path, taken: MeshReading, vertices_m: Float64Nx3, settings: MeshModelSettings
+) -> None:
+    """Ask for the unit of a mesh that is very high in metres."""
+    height_m = float(np.ptp(vertices_m[:, 2]))
+    if settings.unit is None and height_m > _MAX_DEFAULT_HEIGHT_M:
+        sizes = ", ".join(f"{height_m * UNITS_M[name]:.1f} m in {name}" for name in UNITS_M if name != taken.unit)
+        raise ModelError(
+            f"{path.name} is {height_m:,.0f} m high in metres (limit {_MAX_DEFAULT_HEIGHT_M:g} m where crs.unit is not "
+            f"set), {sizes}; set crs.unit in the portfolio, also if it is metre"
+        )
 
 
 def place_building_without_model(lon_lat_deg: Float64Nx2, *, settings: MeshModelSettings) -> BuildingModel:
@@ -95,6 +166,13 @@ def place_building_without_model(lon_lat_deg: Float64Nx2, *, settings: MeshModel
         settings if settings.map_crs else replace(settings, map_crs=utm_from_lon_lat(origin.lon_deg, origin.lat_deg))
     )
     horizontal, vertical = _resolve_crs(with_crs, None)
+    if not is_in_area_of_use(horizontal, origin.lon_deg, origin.lat_deg, AREA_MARGIN_DEG):
+        source = "crs.origin" if settings.origin else "the photographs' median GPS position"
+        raise GeoreferenceError(
+            f"{source}, lon {origin.lon_deg:.4f}, lat {origin.lat_deg:.4f}, lies outside the area of use of "
+            f"{horizontal} ({name_area_of_use(horizontal)}); check crs.map, "
+            "and whether latitude and longitude are exchanged"
+        )
     georeference = ModelGeoreference(
         placement=_MAP_COORDINATES,
         map_crs=horizontal,
@@ -166,19 +244,48 @@ def _placement_from_offset(offset: MeshOffset, horizontal: str) -> MapPlacement:
     return MapPlacement(east_m=offset.east_m, north_m=offset.north_m, height_m=offset.height_m)
 
 
-def _locate_mesh(path: Path, georeference: ModelGeoreference, centre_m: Float64x3) -> Float64x3:
+def _locate_mesh(
+    path: Path,
+    georeference: ModelGeoreference,
+    mesh: MeshFile,
+    taken: MeshReading,
+    settings: MeshModelSettings,
+) -> Float64x3:
     """The centre of the mesh in EPSG:4979 (3,). Raises GeoreferenceError outside the area of use of its CRS."""
     crs = georeference.map_crs
+    extent = np.array([mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)])
+    centre_m: Float64x3 = extent.mean(axis=0)
     centre_map = georeference.placement.map_from_ifc(centre_m[None])[0]
     if not georeference.is_in_area_of_use(centre_m):
+        fitting = [
+            reading
+            for reading in list_other_readings(taken, axes=settings.axes, unit=settings.unit)
+            if georeference.is_in_area_of_use(reading.read_vertices(centre_m[None], taken)[0], margin_deg=0.0)
+        ]
+        suspect = f"read with {fitting[0]}, it would lie in it; " if fitting else ""
         raise GeoreferenceError(
             f"the centre of {path.name} is at east, north, height {centre_map.round(1).tolist()} m, outside the area "
-            f"of use of {crs} ({name_area_of_use(crs)}); check crs.map in the portfolio. If a photogrammetry program "
-            "exported the mesh with coordinates near zero, set crs.offset_file to the offset file that it wrote, or "
-            "set crs.placement"
+            f"of use of {crs} ({name_area_of_use(crs)}); {suspect}check crs.map in the portfolio. If a photogrammetry "
+            "program exported the mesh with coordinates near zero, set crs.offset_file to the offset file that it "
+            "wrote, or set crs.placement"
         )
+    if settings.placement is None and settings.offset_file is None:
+        _require_unit_of_crs(path, crs, centre_m, taken)
     geo: Float64x3 = georeference.geo_from_ifc(centre_m[None])[0]
     return geo
+
+
+def _require_unit_of_crs(path: Path, crs: str, centre_m: Float64x3, taken: MeshReading) -> None:
+    """Refuse map coordinates in one foot where the CRS has the other."""
+    axis = promote_to_3d(crs).axis_info[0]
+    ratio = float(axis.unit_conversion_factor) / UNITS_M[taken.unit]
+    shift_m = abs(ratio - 1) * float(np.abs(centre_m[:2]).max())
+    if abs(ratio - 1) < _NEARLY_SAME_UNIT and shift_m > _MAX_SHIFT_M:
+        raise GeoreferenceError(
+            f"{path.name} is read in {taken.unit}, the unit of {crs} is {axis.unit_name}, and the two are "
+            f"{shift_m:.2f} m apart here (limit {_MAX_SHIFT_M:g} m); set crs.unit in the portfolio to that of the "
+            "CRS, or set crs.placement in metres"
+        )
 
 
 def _describe_placement(settings: MeshModelSettings, offset: MeshOffset | None, horizontal: str) -> str:

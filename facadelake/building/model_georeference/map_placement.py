@@ -20,6 +20,7 @@ from facadelake.core.geodesy import (
 
 REGISTRY_LEVEL = "registry"  # stands in for a LoGeoRef level
 MIN_MAP_COORDINATE_M = 10_000.0  # coordinates beyond this are map coordinates; a building's own are smaller
+_MAX_ORIGIN_DISTANCE_M = 20_000.0  # beyond, east-north-up of the origin is not that of the building
 _HALF_BASE_M = 50.0  # half the base over which the map's scale and convergence are measured
 
 
@@ -116,6 +117,25 @@ def map_from_geo(lon_lat_height: Float64Nx3, map_crs: str, vertical_datum: str) 
     compound, units = _combine_crs(map_crs, vertical_datum)
     metres: Float64Nx3 = transform(lon_lat_height, GEO, compound) * units
     return metres
+
+
+def require_origin_near(origin: SiteOrigin | None, geo: Float64x3) -> None:
+    """Refuse an origin of the portfolio that is far from the building, at ``geo`` (3,) in EPSG:4979.
+
+    Raises GeoreferenceError, and names latitude and longitude if they are exchanged.
+    """
+    if origin is None:
+        return
+    distance_m = float(np.linalg.norm(origin.site_from_geo(geo[None])[0]))
+    if distance_m <= _MAX_ORIGIN_DISTANCE_M:
+        return
+    exchanged = np.abs([origin.lon_deg - geo[1], origin.lat_deg - geo[0]]).max() < 1.0
+    raise GeoreferenceError(
+        f"crs.origin of the portfolio, lon {origin.lon_deg:.6f}, lat {origin.lat_deg:.6f}, is {distance_m / 1000:,.1f} "
+        f"km from the building at lon {geo[0]:.6f}, lat {geo[1]:.6f} (limit {_MAX_ORIGIN_DISTANCE_M / 1000:g} km)"
+        + ("; latitude and longitude are exchanged" if exchanged else "")
+        + ": correct it, or leave it out"
+    )
 
 
 def compute_grid_factors(lon_lat_height: Float64x3, map_crs: str, vertical_datum: str) -> GridFactors:

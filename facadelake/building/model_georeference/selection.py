@@ -25,6 +25,7 @@ from facadelake.building.model_georeference.site_placement import GeographicAnch
 from facadelake.core.arrays import Float64Array, Float64x3
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import is_in_area_of_use, name_area_of_use
+from facadelake.registry import UNITS_M
 
 _log = logging.getLogger(__name__)
 GROUND_HEIGHTS_M = (-500.0, 9000.0)  # the shore of the Dead Sea is at -430 m, Mount Everest at 8,849 m
@@ -32,7 +33,7 @@ _MAX_GROUND_SCALE_ERROR = 0.005  # grid scale factors and heights change lengths
 _MIN_SCALE_ERROR_M = 0.01
 _SITE_TOLERANCE_M = 500.0  # IfcSite's position is of the plot, and often rounded to a second
 _GRS80 = pyproj.Geod(ellps="GRS80")
-_UNIT_NAMES = "metre, millimetre, foot, us_survey_foot"
+_UNIT_NAMES = ", ".join(UNITS_M)
 _HEIGHT_UNITS_M = {"millimetres": 0.001, "centimetres": 0.01, "inches": 0.0254, "feet": 0.3048}
 _MISTAKES: dict[str, Callable[[Float64x3], Float64x3]] = {
     "with east and north exchanged": lambda xyz: xyz[[1, 0, 2]],
@@ -74,7 +75,7 @@ def select_georeference(candidates: GeoreferenceCandidates, extent_ifc_m: Float6
             f"{candidates.conflicts[selected.level]}, and the model is placed by it (LoGeoRef {selected.level}); "
             "correct the IFC, or set crs.placement in the portfolio"
         )
-    _require_possible_heights(selected, extent_ifc_m)
+    require_possible_heights(selected, extent_ifc_m)
     _check_accuracy(selected, candidates.accept_level)
     geo = selected.geo_from_ifc(centre[None])[0]
     grid = compute_grid_factors(geo, selected.map_crs, selected.vertical_datum)
@@ -149,7 +150,7 @@ def _is_at_zero(placement: MapPlacement) -> bool:
     return bool(np.hypot(placement.east_m, placement.north_m) < MIN_MAP_COORDINATE_M)
 
 
-def _require_possible_heights(candidate: ModelGeoreference, extent_ifc_m: Float64Array) -> None:
+def require_possible_heights(candidate: ModelGeoreference, extent_ifc_m: Float64Array) -> None:
     """Refuse a placement that puts the building at a height where none stands."""
     bottom_m = float(candidate.placement.map_from_ifc(extent_ifc_m[:1])[0, 2])
     lowest_m, highest_m = GROUND_HEIGHTS_M
@@ -165,7 +166,7 @@ def _require_possible_heights(candidate: ModelGeoreference, extent_ifc_m: Float6
     raise GeoreferenceError(
         f"the model's lowest point is at height {bottom_m:,.1f} m (its origin at {shift_m:,.1f} m), where no building "
         f"stands (limits {lowest_m:,.0f} to {highest_m:,.0f} m){guess}; correct OrthogonalHeight, the elevation or its "
-        "unit in the IFC, or set crs.placement in the portfolio"
+        "unit in the model, or set crs.placement in the portfolio"
     )
 
 

@@ -82,7 +82,7 @@ def test_a_map_unit_that_only_the_crs_contradicts_is_named(write_ifc):
     """Eastings in metres, MapUnit feet: read as stated, the building lies elsewhere."""
     message = refused(with_map_unit(write_ifc(PLACED), "FOOT", 0.3048))
     assert "read in MapUnit FOOT (0.3048 m), the model lies outside the area of use of EPSG:25832" in message
-    assert "crs.map_unit in the portfolio (metre, millimetre, foot, us_survey_foot)" in message
+    assert "crs.map_unit in the portfolio (metre, centimetre, millimetre, inch, foot, us_survey_foot)" in message
 
 
 def test_two_readings_in_the_area_of_use_are_asked_for(write_ifc):

@@ -57,7 +57,7 @@ def test_what_a_mesh_is_told_reaches_geobim_and_paths_count_from_the_registry(tm
     building = registered(tmp_path, crs=crs, storeys=[{"name": "Ground floor", "floor_m": 178.5}])
     settings = mesh_settings_from_registry(building)
     assert settings.offset_file == tmp_path / "mesh" / "coords.txt"
-    assert (settings.unit_m, settings.axes, settings.map_crs) == (0.3048, "y-up", "EPSG:25832")
+    assert (settings.unit, settings.axes, settings.map_crs) == ("foot", "y-up", "EPSG:25832")
     assert [(storey.name, storey.floor_m) for storey in settings.storeys] == [("Ground floor", 178.5)]
     (tmp_path / "mesh" / "hall.obj").write_text("v 0 0 0\nv 30 0 0\nv 30 30 0\nf 1 2 3\n")
     model = read_registered_model(building)
@@ -86,7 +86,7 @@ def test_what_a_mesh_is_told_reaches_geobim_and_paths_count_from_the_registry(tm
             {"crs": {**MESH, "offset_file": "x", "placement": {"east_m": 1, "north_m": 2, "height_m": 3}}},
             "both 'placement' and 'offset_file'",
         ),
-        ({"crs": {**MESH, "unit": "inch"}}, "crs.unit.*'inch'"),
+        ({"crs": {**MESH, "unit": "yard"}}, "crs.unit.*'yard'"),
         ({"storeys": [{"name": "a"}]}, "storeys.0.floor_m.*missing"),
     ],
 )
