@@ -15,6 +15,8 @@ from schemas.vocabulary import (
     ObservationOutcome,
     PhotoOutcome,
     PhotoRole,
+    PlacementCheckOutcome,
+    PlacementStatement,
     PointKind,
     PoseSource,
     PositionMethod,
@@ -188,6 +190,15 @@ _ALL = [
     real("gps_offset_north_m", "m", "the same, north"),
     real("gps_offset_up_m", "m", "the same, up"),
     text("remarks", "what was observable, what was assumed, and warnings"),
+    # placement_checks
+    text("statement", "statement that the placement is compared with", PlacementStatement),
+    text("placement_check_outcome", "whether the statement agrees with the placement", PlacementCheckOutcome),
+    real(
+        "deviation", "", "deviation of the statement from the placement; of model_in_view, the share of photographs", 0
+    ),
+    real("deviation_sigma", "", "one sigma of the deviation", 0),
+    real("deviation_limit", "", "limit of the deviation (of model_in_view: the least share)", 0),
+    text("deviation_unit", "unit of deviation, sigma and limit: m, or share"),
     # elements
     text("ifc_class", "class of the IFC element; 'Surface' for a facade plane of a building without IFC"),
     text("element_name", "name of the IFC element"),
@@ -330,7 +341,7 @@ _ALL = [
     text("column_name", "checked column; empty for the whole table"),
     flag("passed", "whether the expectation was met"),
     count("unexpected", "rows that did not meet the expectation"),
-    text("detail", "expected and observed values, as JSON"),
+    text("detail", "of checks, expected and observed values as JSON; of placement_checks, the comparison in words"),
 ]
 
 COLUMNS: dict[str, Column] = {column.name: column for column in _ALL}

@@ -131,6 +131,13 @@ _LIST = [
         may_be_empty=True,
     ),
     _table(
+        "placement_checks",
+        "statement about the campaign's place",
+        "what GPS, surveyed points and the model say about the placement, compared in proportion to their sigmas",
+        "building_id campaign_id statement",
+        "statement placement_check_outcome deviation? deviation_sigma? deviation_limit? deviation_unit detail",
+    ),
+    _table(
         "elements",
         "IFC element with a surface, or facade plane",
         "components of the building",

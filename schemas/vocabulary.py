@@ -53,6 +53,25 @@ class HeightDatum(StrEnum):
     UNKNOWN = "unknown"
 
 
+class PlacementStatement(StrEnum):
+    """Statement that is compared with a campaign's placement before the commit."""
+
+    GPS_POSITION = "gps_position"
+    GPS_HEIGHT = "gps_height"
+    SURVEYED_POINTS = "surveyed_points"
+    CAMERA_HEIGHT = "camera_height"
+    MODEL_IN_VIEW = "model_in_view"
+    TIE_POINTS = "tie_points"
+
+
+class PlacementCheckOutcome(StrEnum):
+    """Whether a statement agrees with the placement, in proportion to the sigmas of both."""
+
+    AGREES = "agrees"
+    DISAGREES = "disagrees"
+    NOT_COMPARABLE = "not_comparable"
+
+
 class PoseSource(StrEnum):
     """Method of a pose; ``prior`` is metadata and no measurement, ``imported`` comes from another program."""
 

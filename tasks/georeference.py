@@ -9,7 +9,13 @@ from prefect import task
 from facadelake.building import read_building
 from facadelake.core.hashing import hash_file
 from facadelake.core.tables import read_table, write_table
-from facadelake.georeferencing import Control, SiteFrame, build_poses_table, georeference_reconstruction
+from facadelake.georeferencing import (
+    Control,
+    SiteFrame,
+    build_checks_table,
+    build_poses_table,
+    georeference_reconstruction,
+)
 from facadelake.georeferencing.campaign import REFERENCE_FILE, list_earlier_references, read_reference
 from facadelake.georeferencing.gcp import read_surveyed_points
 from facadelake.georeferencing.model import build_model_control
@@ -23,7 +29,8 @@ SITE_FROM_SFM = "site_from_sfm.json"
 
 @task(name="georeference")
 def georeference_block(job: InspectionJob, model: StageResult, photos: StageResult, block: StageResult) -> StageResult:
-    """Tables ``poses``, ``georeference`` and ``georeference_points``, and the reference for later campaigns."""
+    """Tables ``poses``, ``georeference``, ``georeference_points`` and ``placement_checks``, and the reference for later
+    campaigns."""
     building, tolerances = job.building, job.building.tolerances
     gcp_file, check_file = (
         building.locate_control_points(job.campaign_id),
@@ -69,6 +76,7 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
         write_table("poses", build_poses_table(placed, reconstruction, photos_table, origin=origin), folder)
         write_table("georeference", placed.build_table(), folder)
         write_table("georeference_points", placed.build_points_table(origin), folder)
+        write_table("placement_checks", build_checks_table(placed.placement_checks), folder)
         reference = placed.build_reference(reconstruction, descriptors, building.id, job.campaign_id, origin)
         if reference is not None:
             reference.save(folder / REFERENCE_FILE)

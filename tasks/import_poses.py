@@ -19,7 +19,7 @@ from tasks.stage import Counts, run_stage
 
 @task(name="import poses")
 def import_poses(job: InspectionJob, model: StageResult, photos: StageResult) -> StageResult:
-    """Tables ``poses``, ``georeference`` and ``georeference_points``; no reference for later campaigns.
+    """Tables ``poses``, ``georeference``, ``georeference_points`` and ``placement_checks``, no reference.
 
     Control and check points of the campaign, where it has any, test the poses and do not move them.
     """
@@ -49,6 +49,7 @@ def import_poses(job: InspectionJob, model: StageResult, photos: StageResult) ->
         write_table("poses", placed.poses, folder)
         write_table("georeference", placed.georeference, folder)
         write_table("georeference_points", placed.georeference_points, folder)
+        write_table("placement_checks", placed.placement_checks, folder)
         return {"localised": placed.localised, "not localised": len(placed.poses) - placed.localised}
 
     inputs = {

@@ -24,6 +24,7 @@ def read_stage_tables(results: StageResults) -> dict[str, pa.Table]:
         "poses": read_table("poses", results.placed.folder),
         "georeference": read_table("georeference", results.placed.folder),
         "georeference_points": read_table("georeference_points", results.placed.folder),
+        "placement_checks": read_table("placement_checks", results.placed.folder),
         "elements": read_table("elements", results.model.folder),
         "detections": read_table("detections", results.measured.folder),
         "observations": read_table("observations", results.merged.folder),

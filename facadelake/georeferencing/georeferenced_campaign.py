@@ -18,18 +18,26 @@ from facadelake.core.geodesy import SITE_AXES, SiteOrigin
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.acceptance import require_accuracy, require_consistent_frame
 from facadelake.georeferencing.adjustment.adjusted_block import AdjustedBlock
+from facadelake.georeferencing.adjustment.point_to_plane import select_points_with_origins
 from facadelake.georeferencing.available_control import Control
 from facadelake.georeferencing.campaign.reference import ReferencePoints
 from facadelake.georeferencing.campaign.reference_selection import build_reference
 from facadelake.georeferencing.gps.priors import GpsPriors
-from facadelake.georeferencing.initial_placement import InitialPlacement
+from facadelake.georeferencing.initial_placement import CONTROL_SIGMA_M, InitialPlacement
 from facadelake.georeferencing.model.lean import BlockLean
+from facadelake.georeferencing.model_checks import check_cameras, check_tie_points
 from facadelake.georeferencing.model_comparison import compare_with_model
 from facadelake.georeferencing.passport import (
     PassportPoint,
     build_control_points,
     build_gps_points,
     build_points_table,
+)
+from facadelake.georeferencing.placement_checks import (
+    PlacementCheck,
+    check_gps,
+    check_surveyed_points,
+    require_agreement,
 )
 from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.sfm import Reconstruction
@@ -49,7 +57,7 @@ class GeoreferencedCampaign:
 
     ``cameras`` and ``covariance`` (6, 6; centre in m, attitude in rad about the camera's axes) by photo_id;
     ``site_from_sfm``: the similarity nearest to the adjusted block; ``frame_covariance_m2`` (3, 3): of the campaign's
-    position as a whole; ``points`` and ``row``: its passport.
+    position as a whole; ``points``, ``placement_checks`` and ``row``: its passport.
     """
 
     control: ControlKind
@@ -60,6 +68,7 @@ class GeoreferencedCampaign:
     priors: GpsPriors
     frame_covariance_m2: Float64x3x3
     points: tuple[PassportPoint, ...]
+    placement_checks: tuple[PlacementCheck, ...]
     row: Mapping[str, Any]
 
     def build_table(self) -> pa.Table:
@@ -137,7 +146,7 @@ def build_georeferenced_campaign(
         the campaign.
 
     Raises:
-        GeoreferenceError: the placement is not accurate enough, or control points contradict an earlier campaign.
+        GeoreferenceError: the placement is not accurate enough, or independent evidence contradicts it.
     """
     frame = adjusted.datum_covariance_m2 + placement.frame_covariance_m2
     lean_covariance = np.zeros((1, 6, 6)) if lean is None else lean.compute_covariance(adjusted)
@@ -160,6 +169,14 @@ def build_georeferenced_campaign(
         held_out_m=held_out_m,
         remedy=_REMEDY,
     )
+    checks = _check_placement(priors, adjusted, sigma_m, held_out_m, control)
+    disagreements = require_agreement(
+        checks,
+        control=placement.kind,
+        method=placement.method,
+        placement_sigma_max_m=control.placement_sigma_max_m,
+        height_ellipsoidal_m=_compute_camera_height(adjusted, site_frame.origin),
+    )
     site_from_sfm = estimate_similarity(
         reconstruction.xyz_sfm[adjusted.tie_points.reconstruction_point], adjusted.xyz_site_m
     )
@@ -176,7 +193,9 @@ def build_georeferenced_campaign(
         **_describe_accuracy(sigma_m, held_out_m, adjusted),
         **_describe_gps(priors, adjusted),
         **_describe_model(control, placement, adjusted),
-        "remarks": "; ".join([*_build_remarks(priors, placement, adjusted), *site_frame.list_model_remarks()]),
+        "remarks": "; ".join(
+            [*disagreements, *_build_remarks(priors, placement, adjusted), *site_frame.list_model_remarks()]
+        ),
     }
     return GeoreferencedCampaign(
         control=placement.kind,
@@ -187,8 +206,50 @@ def build_georeferenced_campaign(
         priors=priors,
         frame_covariance_m2=frame,
         points=tuple(points),
+        placement_checks=checks,
         row=row,
     )
+
+
+def _compute_camera_height(adjusted: AdjustedBlock, origin: SiteOrigin) -> float:
+    """Median ellipsoidal height of the cameras, metres."""
+    centres = np.array([camera.centre_site_m for camera in adjusted.cameras])
+    return float(np.median(origin.geo_from_site(centres)[:, 2]))
+
+
+def _check_placement(
+    priors: GpsPriors, adjusted: AdjustedBlock, sigma_m: Float64x3, held_out_m: Float64N, control: Control
+) -> tuple[PlacementCheck, ...]:
+    """Compare the adjusted block with GPS, surveyed points and the model.
+
+    Args:
+        priors: the GPS priors.
+        adjusted: the adjusted block.
+        sigma_m: one sigma (3,) of the campaign's position.
+        held_out_m: residual lengths (k,) at held-out and check points.
+        control: the control available, for its model.
+
+    Returns:
+        the checks; those by the model where there is one.
+    """
+    residual_m = priors.xyz_site_m - np.array([camera.centre_site_m for camera in adjusted.cameras])[priors.photo]
+    gps = check_gps(residual_m, priors.total_sigma_m, priors.flight, sigma_m)
+    checks = [*gps, check_surveyed_points(held_out_m, sigma_m, CONTROL_SIGMA_M)]
+    model = control.model
+    if model is not None:
+        checks += check_cameras(adjusted.cameras, model.surface, model.ground_site_m, model.highest_site_m)
+        state = adjusted.solution.state
+        point, origin_site_m = select_points_with_origins(adjusted.tie_points, state)
+        checks.append(
+            check_tie_points(
+                state.xyz_site_m[point],
+                origin_site_m,
+                model.surface,
+                gps_shift_site_m=np.median(residual_m, axis=0) if len(residual_m) else np.zeros(3),
+                sigma_m=np.hypot(sigma_m, model.sigma_m),
+            )
+        )
+    return tuple(checks)
 
 
 def _describe_control(placement: InitialPlacement, adjusted: AdjustedBlock) -> dict[str, Any]:

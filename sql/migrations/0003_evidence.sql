@@ -54,3 +54,17 @@ UPDATE defects SET
 
 -- How EXIF turns a photograph.
 ALTER TABLE photos ADD COLUMN exif_orientation BIGINT;
+
+-- placement_checks: one row per statement about the campaign's place
+CREATE TABLE placement_checks (
+    building_id             VARCHAR NOT NULL,
+    campaign_id             VARCHAR NOT NULL,
+    run_id                  VARCHAR NOT NULL,
+    statement               VARCHAR NOT NULL,
+    placement_check_outcome VARCHAR NOT NULL,
+    deviation               DOUBLE,
+    deviation_sigma         DOUBLE,
+    deviation_limit         DOUBLE,
+    deviation_unit          VARCHAR NOT NULL,
+    detail                  VARCHAR NOT NULL
+);

@@ -58,7 +58,7 @@ BOX_ON_GROUND = BoxSurface(half_m=(10.0, 6.0), height_m=14.0)
 
 def build_model(*, ground: bool = False) -> ModelControl:
     """The box as control, without photographs to look for its edges in; the building stands off it by centimetres."""
-    return ModelControl(surface=BOX_ON_GROUND if ground else BOX, sigma_m=0.03, ground_site_m=0.0)
+    return ModelControl(surface=BOX_ON_GROUND if ground else BOX, sigma_m=0.03, ground_site_m=0.0, highest_site_m=14.0)
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from facadelake.core.arrays import Float64N, Float64Nx3, Int64Array, RowIndices
+from facadelake.core.arrays import BoolArray, Float64N, Float64Nx3, Int64Array, RowIndices
 from facadelake.georeferencing.adjustment.parameters import AdjustmentState
 from facadelake.georeferencing.adjustment.problem import PointToPlaneTerms
 from facadelake.georeferencing.adjustment.tie_points import TiePointSelection
@@ -49,6 +50,44 @@ def build_empty_terms() -> PointToPlaneTerms:
     )
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class VisibleFaces:
+    """The faces that the rays from cameras through n points hit.
+
+    ``facing`` (n,): a face is hit, at less than 75 degrees of incidence. ``foot_site_m`` (n, 3): the point hit;
+    ``normal_site`` (n, 3), zero for a miss; ``distance_m`` (n,): signed distance of the point from the face's plane;
+    ``element`` (n,).
+    """
+
+    facing: BoolArray
+    foot_site_m: Float64Nx3
+    normal_site: Float64Nx3
+    distance_m: Float64N
+    element: Int64Array
+
+    def match(self, gate_m: float) -> BoolArray:
+        """The points (n,) within ``gate_m`` of their face."""
+        matched: BoolArray = self.facing & (np.abs(self.distance_m) < gate_m)
+        return matched
+
+
+def find_faces(xyz_site_m: Float64Nx3, origin_site_m: Float64Nx3, surface: RaySurface) -> VisibleFaces:
+    """The faces hit by the rays from ``origin_site_m`` (n, 3) through ``xyz_site_m`` (n, 3)."""
+    ray = xyz_site_m - origin_site_m
+    direction = ray / np.linalg.norm(ray, axis=1, keepdims=True)
+    hits = surface.cast(origin_site_m, direction)
+    hit = np.isfinite(hits.distance_m)
+    normal = np.where(hit[:, None], hits.normal_site, 0.0)
+    foot = origin_site_m + np.where(hit, hits.distance_m, 0.0)[:, None] * direction
+    return VisibleFaces(
+        facing=hit & (-np.einsum("ij,ij->i", normal, direction) > _MIN_FACING_COSINE),
+        foot_site_m=foot,
+        normal_site=normal,
+        distance_m=np.einsum("ij,ij->i", normal, xyz_site_m - foot),
+        element=hits.element,
+    )
+
+
 def match_points_to_surface(
     tie_points: TiePointSelection, state: AdjustmentState, surface: RaySurface, *, gate_m: float, model_sigma_m: float
 ) -> PointToPlaneTerms:
@@ -67,22 +106,11 @@ def match_points_to_surface(
     Returns:
         one observation for each matched tie point.
     """
-    xyz = state.xyz_site_m[: len(tie_points)]
-    track_length = np.bincount(tie_points.point, minlength=len(xyz))
-    camera = _find_nearest_camera(tie_points, state, xyz)
-    point = np.flatnonzero(track_length >= _MIN_TRACK_LENGTH)
-    origin = state.centre_site_m[camera[point]]
-    ray = xyz[point] - origin
-    direction = ray / np.linalg.norm(ray, axis=1, keepdims=True)
-    hits = surface.cast(origin, direction)
-    hit = np.isfinite(hits.distance_m)
-    normal = np.where(hit[:, None], hits.normal_site, 0.0)
-    foot = origin + np.where(hit, hits.distance_m, 0.0)[:, None] * direction
-    distance = np.einsum("ij,ij->i", normal, xyz[point] - foot)
-    facing = -np.einsum("ij,ij->i", normal, direction)
-    matched = hit & (facing > _MIN_FACING_COSINE) & (np.abs(distance) < gate_m)
-    point, normal, foot = point[matched], normal[matched], foot[matched]
-    wall, count = _group_by_wall(hits.element[matched], normal)
+    point, origin = select_points_with_origins(tie_points, state)
+    faces = find_faces(state.xyz_site_m[point], origin, surface)
+    matched = faces.match(gate_m)
+    point, normal, foot = point[matched], faces.normal_site[matched], faces.foot_site_m[matched]
+    wall, count = _group_by_wall(faces.element[matched], normal)
     return PointToPlaneTerms(
         point=point,
         normal_site=normal,
@@ -91,6 +119,15 @@ def match_points_to_surface(
         sigma_m=np.full(len(point), model_sigma_m),
         wall_sigma_m=np.full(count, model_sigma_m),
     )
+
+
+def select_points_with_origins(tie_points: TiePointSelection, state: AdjustmentState) -> tuple[RowIndices, Float64Nx3]:
+    """The tie points (k,) with three image points or more, and the centre (k, 3) of the nearest camera of each."""
+    xyz = state.xyz_site_m[: len(tie_points)]
+    track_length = np.bincount(tie_points.point, minlength=len(xyz))
+    camera = _find_nearest_camera(tie_points, state, xyz)
+    point = np.flatnonzero(track_length >= _MIN_TRACK_LENGTH)
+    return point, state.centre_site_m[camera[point]]
 
 
 def _find_nearest_camera(tie_points: TiePointSelection, state: AdjustmentState, xyz: Float64Nx3) -> RowIndices:

@@ -46,11 +46,16 @@ class GpsPriors:
         return replace(self, xyz_site_m=self.xyz_site_m + np.array([0.0, 0.0, up_m]))
 
     @property
+    def total_sigma_m(self) -> Float64Nx3:
+        """One sigma (n, 3) of each position, with that of an unknown height datum."""
+        datum = np.array([0.0, 0.0, DATUM_SIGMA_M if self.datum_unknown else 0.0])
+        total: Float64Array = np.hypot(self.sigma_m, datum)
+        return total
+
+    @property
     def common_sigma_m(self) -> Float64x3:
         """One sigma (3,) of the error that all priors share: the receiver's, and an unknown height datum's."""
-        sigma: Float64Array = np.median(self.sigma_m, axis=0)
-        if self.datum_unknown:
-            sigma[2] = np.hypot(sigma[2], DATUM_SIGMA_M)
+        sigma: Float64Array = np.median(self.total_sigma_m, axis=0)
         return sigma
 
 

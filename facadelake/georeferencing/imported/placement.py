@@ -23,7 +23,15 @@ from facadelake.georeferencing.gcp.control_points import SurveyedPoints, match_m
 from facadelake.georeferencing.imported.plausibility import check_plausibility
 from facadelake.georeferencing.imported.records import ImportedPose, ImportedPoses
 from facadelake.georeferencing.imported.validation import ImportValidation, validate_imported_poses
+from facadelake.georeferencing.initial_placement import CONTROL_SIGMA_M
+from facadelake.georeferencing.model_checks import check_cameras
 from facadelake.georeferencing.passport import build_points_table
+from facadelake.georeferencing.placement_checks import (
+    build_checks_table,
+    check_gps,
+    check_surveyed_points,
+    require_agreement,
+)
 from facadelake.georeferencing.poses_table import build_pose_columns
 from facadelake.georeferencing.site_frame import SiteFrame
 from schemas.vocabulary import ControlKind, PhotoOutcome, PoseSource
@@ -35,11 +43,13 @@ SIGMA_ATTITUDE_DEG = 0.02
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ImportedPlacement:
-    """A campaign with imported poses: tables ``poses``, ``georeference`` and ``georeference_points``."""
+    """A campaign with imported poses: tables ``poses``, ``georeference``, ``georeference_points`` and
+    ``placement_checks``."""
 
     poses: pa.Table
     georeference: pa.Table
     georeference_points: pa.Table
+    placement_checks: pa.Table
     localised: int
 
 
@@ -112,9 +122,26 @@ def place_imported_poses(
     matched = [match_marks(file, photo_ids) for file in surveyed]
     remarks += [remark for file in matched for remark in file.remarks]
     validation = validate_imported_poses(posed, accepted, matched, site_frame)
+    sigma_m = _require_accuracy(poses, validation, placement_sigma_max_m)
+    cameras = list(posed.values())
+    lowest_m, highest_m = surface.vertices_site_m[:, 2].min(), surface.vertices_site_m[:, 2].max()
+    checks = (
+        *check_gps(validation.gps_residual_m, validation.gps_sigma_m, validation.gps_flight, sigma_m),
+        check_surveyed_points(validation.held_out_m, sigma_m, CONTROL_SIGMA_M),
+        *check_cameras(cameras, surface, float(lowest_m), float(highest_m)),
+    )
+    centres = np.array([camera.centre_site_m for camera in cameras])
+    disagreements = require_agreement(
+        checks,
+        control=ControlKind.IMPORTED,
+        method=f"the poses of {imported.source}",
+        placement_sigma_max_m=placement_sigma_max_m,
+        height_ellipsoidal_m=float(np.median(site_frame.origin.geo_from_site(centres)[:, 2])),
+    )
     return ImportedPlacement(
         poses=poses,
-        georeference=_build_passport(imported, poses, site_frame, remarks, validation, placement_sigma_max_m),
+        georeference=_build_passport(imported, poses, site_frame, [*disagreements, *remarks], validation, sigma_m),
+        placement_checks=build_checks_table(checks),
         georeference_points=build_points_table(validation.points, site_frame.origin),
         localised=len(posed),
     )
@@ -206,30 +233,9 @@ def _transform_to_site(
         return results
 
 
-def _build_passport(
-    imported: ImportedPoses,
-    poses: pa.Table,
-    site_frame: SiteFrame,
-    remarks: Sequence[str],
-    validation: ImportValidation,
-    limit_m: float,
-) -> pa.Table:
-    """Table ``georeference`` of an import; it has no residuals of an adjustment.
-
-    Args:
-        imported: the file of poses.
-        poses: table ``poses``.
-        site_frame: the building's site frame.
-        remarks: remarks on the poses.
-        validation: residuals at surveyed points and GPS.
-        limit_m: limit of the poses' median sigma.
-
-    Returns:
-        the table, one row.
-
-    Raises:
-        GeoreferenceError: the poses are not accurate enough, or contradict the surveyed points.
-    """
+def _require_accuracy(poses: pa.Table, validation: ImportValidation, limit_m: float) -> Float64x3:
+    """Median sigma (3,) of the imported poses. Raises GeoreferenceError beyond the limit, or where surveyed points
+    contradict the poses."""
     rows = [row for row in poses.to_pylist() if row["pose_source"] == PoseSource.IMPORTED]
     sigma_m = np.array([np.median([row[f"sigma_{axis}_m"] for row in rows]) for axis in SITE_AXES])
     require_accuracy(
@@ -239,6 +245,30 @@ def _build_passport(
         held_out_m=validation.held_out_m,
         remedy="import more accurate poses, or leave them out and place the photographs by control points or the model",
     )
+    return sigma_m
+
+
+def _build_passport(
+    imported: ImportedPoses,
+    poses: pa.Table,
+    site_frame: SiteFrame,
+    remarks: Sequence[str],
+    validation: ImportValidation,
+    sigma_m: Float64x3,
+) -> pa.Table:
+    """Table ``georeference`` of an import; it has no residuals of an adjustment.
+
+    Args:
+        imported: the file of poses.
+        poses: table ``poses``.
+        site_frame: the building's site frame.
+        remarks: remarks on the poses.
+        validation: residuals at surveyed points and GPS.
+        sigma_m: median sigma (3,) of the poses.
+
+    Returns:
+        the table, one row.
+    """
     assumptions = imported.world.describe_assumptions(site_frame)
     return table_from_rows(
         "georeference",
@@ -249,7 +279,7 @@ def _build_passport(
                 "map_crs": site_frame.map_crs,
                 "vertical_datum": site_frame.vertical_datum,
                 "georeference_level": site_frame.georeference_level,
-                "points_used": len(rows),
+                "points_used": poses["pose_source"].to_pylist().count(PoseSource.IMPORTED),
                 "points_total": len(imported.poses) + len(imported.unusable),
                 "scale": 1.0,
                 **validation.columns,

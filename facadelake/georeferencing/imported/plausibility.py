@@ -8,21 +8,19 @@ from typing import Any
 import numpy as np
 
 from facadelake.building.surface import Surface
-from facadelake.core.arrays import BoolArray, Float64Nx3, Float64x3x3
+from facadelake.core.arrays import Float64Nx3, Float64x3x3
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 from facadelake.georeferencing.gps.priors import rotation_from_attitude
 from facadelake.georeferencing.imported.attitude import list_alternative_conventions
+from facadelake.georeferencing.model_checks import MAX_VIEWING_DISTANCE_M, find_cameras_seeing_model
 from facadelake.georeferencing.site_frame import SiteFrame
 from schemas.vocabulary import PositionSource
 
-# Facades are photographed from tens of metres; a pose a kilometre away has another CRS, unit or building.
-MAX_DISTANCE_M = 1000.0
 # A gimbal's compass errs by some degrees, near steel by tens; wrong conventions rotate cameras by 90 degrees and more.
 MAX_ROTATION_DEG = 45.0
 _MIN_ATTITUDES = 3
-_RAYS_PER_AXIS = 7  # over a photograph
 _DEFAULT_HINT = "check rotation, camera_axes, pitch_zero and north in the header (docs/poses-csv.md)"
 
 
@@ -52,7 +50,7 @@ def check_plausibility(
     """
     cameras = list(posed.values())
     _refuse_far(np.array([camera.centre_site_m for camera in cameras]), surface, site_frame, source)
-    seeing = _find_cameras_seeing_model(cameras, surface)
+    seeing = find_cameras_seeing_model(cameras, surface)
     if not seeing.any():
         raise GeoreferenceError(
             f"by the poses of {source} none of {len(cameras)} photographs shows the building model, although they are "
@@ -69,28 +67,16 @@ def check_plausibility(
 def _refuse_far(centres_site_m: Float64Nx3, surface: Surface, site_frame: SiteFrame, source: str) -> None:
     low, high = surface.vertices_site_m.min(axis=0), surface.vertices_site_m.max(axis=0)
     distance_m = np.linalg.norm(np.maximum(np.maximum(low - centres_site_m, centres_site_m - high), 0.0), axis=1)
-    if float(np.median(distance_m)) <= MAX_DISTANCE_M:
+    if float(np.median(distance_m)) <= MAX_VIEWING_DISTANCE_M:
         return
     origin = site_frame.origin
     lon, lat, height = origin.geo_from_site(np.median(centres_site_m, axis=0)[None])[0].tolist()
     raise GeoreferenceError(
         f"the poses of {source} lie {np.median(distance_m) / 1000:.0f} km from the building model (limit "
-        f"{MAX_DISTANCE_M / 1000:g} km), near lon {lon:.4f}, lat {lat:.4f}, height {height:.0f} m; the building is "
-        f"near lon {origin.lon_deg:.4f}, lat {origin.lat_deg:.4f}: are lon and lat (or east and north) swapped, is an "
+        f"{MAX_VIEWING_DISTANCE_M / 1000:g} km), near lon {lon:.4f}, lat {lat:.4f}, height {height:.0f} m; the building "
+        f"is near lon {origin.lon_deg:.4f}, lat {origin.lat_deg:.4f}: are lon and lat (or east and north) swapped, is an "
         "offset or a transform missing (COLMAP: georeference.txt), or is the CRS or zone wrong?"
     )
-
-
-def _find_cameras_seeing_model(cameras: Sequence[PosedCamera], surface: Surface) -> BoolArray:
-    """Which cameras (n,) have the surface in view, within ``MAX_DISTANCE_M``."""
-    seeing = []
-    for posed in cameras:
-        columns = (np.arange(_RAYS_PER_AXIS) + 0.5) * posed.camera.width_px / _RAYS_PER_AXIS
-        rows = (np.arange(_RAYS_PER_AXIS) + 0.5) * posed.camera.height_px / _RAYS_PER_AXIS
-        origins, directions = posed.rays_site_from_img(np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2))
-        hits = surface.cast(origins, directions)
-        seeing.append(bool((hits.hit & (hits.distance_m < MAX_DISTANCE_M)).any()))
-    return np.array(seeing, dtype=np.bool_)
 
 
 def _suggest_convention(cameras: Sequence[PosedCamera], surface: Surface) -> str:
@@ -105,7 +91,7 @@ def _suggest_convention(cameras: Sequence[PosedCamera], surface: Surface) -> str
             )
             for camera, rotations in zip(cameras, alternatives, strict=True)
         ]
-        count[name] = int(_find_cameras_seeing_model(rotated, surface).sum())
+        count[name] = int(find_cameras_seeing_model(rotated, surface).sum())
     most = max(count.values())
     if not most:
         return _DEFAULT_HINT

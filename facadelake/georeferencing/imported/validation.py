@@ -8,26 +8,32 @@ from typing import Any
 
 import numpy as np
 
-from facadelake.core.arrays import Float64N
+from facadelake.core.arrays import Float64N, Float64Nx3, Int64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.geodesy import SITE_AXES, SiteOrigin
 from facadelake.georeferencing.gcp.control_points import SurveyedPoints, transform_to_site
+from facadelake.georeferencing.gps.priors import DATUM_SIGMA_M
 from facadelake.georeferencing.passport import PassportPoint
 from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.georeferencing.triangulation import ImageRay, intersect_rays
 from schemas.vocabulary import HeightDatum, PointKind, PositionSource
 
 _MIN_PRIORS = 3
-# No flight's GPS has a larger common error (heights shift by 15 m); geoid and ellipsoid differ by more in most places.
-_MAX_GPS_OFFSET_M = 20.0
 _MAD_TO_SIGMA = 1.4826
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ImportValidation:
-    """Points of the passport, the columns of table ``georeference`` that they give, and remarks."""
+    """Points of the passport, the columns of table ``georeference`` that they give, and remarks.
+
+    ``gps_residual_m`` (n, 3): GPS minus camera centre; ``gps_sigma_m`` (n, 3), with that of an unknown height datum;
+    ``gps_flight`` (n,).
+    """
 
     points: tuple[PassportPoint, ...]
+    gps_residual_m: Float64Nx3
+    gps_sigma_m: Float64Nx3
+    gps_flight: Int64Array
     columns: Mapping[str, Any]
     remarks: tuple[str, ...]
 
@@ -56,7 +62,14 @@ def validate_imported_poses(
         points, columns and remarks; the poses are not changed.
     """
     checks = [point for file in surveyed for point in _build_check_points(posed, file, site_frame)]
-    gps = _build_gps_points(posed, photos, site_frame.origin)
+    located = [
+        row
+        for row in photos
+        if row["photo_id"] in posed
+        and row["prior_source"] != PositionSource.NONE
+        and None not in (row["prior_lon_deg"], row["prior_lat_deg"], row["prior_height_m"])
+    ]
+    gps = _build_gps_points(posed, located, site_frame.origin)
     columns: dict[str, Any] = {"check_points": len(checks)}
     remarks = []
     if checks:
@@ -71,16 +84,25 @@ def validate_imported_poses(
         scatter = _MAD_TO_SIGMA * np.median(np.abs(residual - offset), axis=0) / np.sqrt(len(residual))
         columns |= {f"gps_offset_{axis}_m": float(value) for axis, value in zip(SITE_AXES, offset, strict=True)}
         columns["gps_offset_sigma_m"] = float(scatter.max())
-        largest = int(np.argmax(np.abs(offset)))
-        if abs(offset[largest]) > _MAX_GPS_OFFSET_M:
-            remarks.append(
-                f"the photographs' GPS deviates by {offset[largest]:+.0f} m ({SITE_AXES[largest]}) from the poses; "
-                "check the height datum and the CRS of the poses"
-            )
         datums = {row["prior_height_datum"] for row in photos if row["prior_source"] != PositionSource.NONE}
         if datums != {HeightDatum.ELLIPSOIDAL}:
             remarks.append("not all GPS heights are stated as ellipsoidal; gps_offset_up_m is their offset")
-    return ImportValidation(points=(*checks, *gps), columns=columns, remarks=tuple(remarks))
+    return ImportValidation(
+        points=(*checks, *gps),
+        gps_residual_m=np.array([point.residual_site_m for point in gps]).reshape(-1, 3),
+        gps_sigma_m=np.array([_estimate_gps_sigma(row) for row in located]).reshape(-1, 3),
+        gps_flight=np.array([row["flight"] or 0 for row in located], dtype=np.int64),
+        columns=columns,
+        remarks=tuple(remarks),
+    )
+
+
+def _estimate_gps_sigma(row: Mapping[str, Any]) -> tuple[float, float, float]:
+    """One sigma (east, north, up) of a photograph's GPS, metres."""
+    horizontal, vertical = row["prior_sigma_horizontal_m"], row["prior_sigma_vertical_m"]
+    if row["prior_height_datum"] != HeightDatum.ELLIPSOIDAL:
+        vertical = float(np.hypot(vertical, DATUM_SIGMA_M))
+    return horizontal, horizontal, vertical
 
 
 def _build_check_points(
@@ -110,15 +132,9 @@ def _build_check_points(
 
 
 def _build_gps_points(
-    posed: Mapping[str, PosedCamera], photos: Sequence[Mapping[str, Any]], origin: SiteOrigin
+    posed: Mapping[str, PosedCamera], rows: Sequence[Mapping[str, Any]], origin: SiteOrigin
 ) -> list[PassportPoint]:
-    rows = [
-        row
-        for row in photos
-        if row["photo_id"] in posed
-        and row["prior_source"] != PositionSource.NONE
-        and None not in (row["prior_lon_deg"], row["prior_lat_deg"], row["prior_height_m"])
-    ]
+    """GPS of the ``rows`` of table ``photos``, against the imported camera centres."""
     geo = np.array([[row["prior_lon_deg"], row["prior_lat_deg"], row["prior_height_m"]] for row in rows])
     given = origin.site_from_geo(geo.reshape(-1, 3))
     return [

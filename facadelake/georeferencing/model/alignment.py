@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 from facadelake.core.arrays import Float64Array, Float64N, Float64Nx3, Float64x3, Int64Array
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
-from facadelake.georeferencing.adjustment.point_to_plane import RaySurface
+from facadelake.georeferencing.adjustment.point_to_plane import RaySurface, find_faces
 from facadelake.georeferencing.gps.alignment import check_against_gps
 from facadelake.georeferencing.gps.priors import GpsPriors
 from facadelake.georeferencing.similarity_fit import apply_parameters
@@ -27,7 +27,6 @@ SURFACE_SIGMA_M = 0.05
 _GATES_M = (4.0, 3.0, 2.0, 1.5, 1.0, 0.7, 0.5, 0.4, 0.3, 0.3, 0.2, 0.2, 0.2)
 _MAX_POINTS = 6000
 _MIN_POINTS = 100
-_MIN_FACING_COSINE = 0.25  # beyond 75 degrees of incidence a ray determines its plane poorly
 # A direction of shift is observed where at least this share of the correspondences depends on it.
 MIN_OBSERVED_SHARE = 0.05
 _FIXED_BIAS_SIGMA_M = 0.01
@@ -161,18 +160,11 @@ def _find_correspondences(
     site_from_sfm: Similarity, points: Float64Nx3, centres: Float64Nx3, surface: RaySurface, gate_m: float
 ) -> _PointPlanePairs:
     """Planes of the ``points`` (n, 3) that lie within ``gate_m`` of the face that the ray of their camera hits."""
-    xyz, origin = site_from_sfm.apply(points), site_from_sfm.apply(centres)
-    ray = xyz - origin
-    length = np.linalg.norm(ray, axis=1)
-    direction = ray / length[:, None]
-    hits = surface.cast(origin, direction)
-    hit = np.isfinite(hits.distance_m)
-    normal = np.where(hit[:, None], hits.normal_site, 0.0)
-    foot = origin + np.where(hit, hits.distance_m, 0.0)[:, None] * direction
-    facing = -np.einsum("ij,ij->i", normal, direction)
-    distance_m = np.abs(np.einsum("ij,ij->i", normal, xyz - foot))
-    matched = hit & (facing > _MIN_FACING_COSINE) & (distance_m < gate_m)
-    return _PointPlanePairs(xyz_sfm=points[matched], on_plane=foot[matched], normal=normal[matched])
+    faces = find_faces(site_from_sfm.apply(points), site_from_sfm.apply(centres), surface)
+    matched = faces.match(gate_m)
+    return _PointPlanePairs(
+        xyz_sfm=points[matched], on_plane=faces.foot_site_m[matched], normal=faces.normal_site[matched]
+    )
 
 
 def _compute_point_to_plane(site_from_sfm: Similarity, pairs: _PointPlanePairs) -> Float64N:

@@ -37,12 +37,14 @@ class ModelControl:
     """The parts of the model that can control a block.
 
     ``sigma_m``: one sigma of the building's deviation from its model; ``ground_site_m``: the model's lowest level,
-    where drones take off; ``edges``: None where none are searched, as on a mesh that was itself measured.
+    where drones take off; ``highest_site_m``: its highest point; ``edges``: None where none are searched, as on a mesh
+    that was itself measured.
     """
 
     surface: RaySurface
     sigma_m: float
     ground_site_m: float
+    highest_site_m: float
     edges: ModelEdgeControl | None = None
 
 
@@ -54,6 +56,7 @@ def build_model_control(building: BuildingModel, photographs: Sequence[Path], si
         surface=surface,
         sigma_m=sigma_m,
         ground_site_m=float(building.vertices_site_m[:, 2].min()),
+        highest_site_m=float(building.vertices_site_m[:, 2].max()),
         edges=None if measured else _build_edge_control(building, surface, photographs),
     )
 

@@ -114,6 +114,10 @@ def rows(defects: int = 3, sightings: int = 2, inputs: str = INPUTS, note: str =
              "residual_north_m": -0.04, "residual_up_m": 0.0, "point_used": False,
              "geometry": shapely.to_wkb(shapely.Point(LON, LAT, HEIGHT + 5))}
         ],
+        "placement_checks": [
+            {"statement": "gps_height", "placement_check_outcome": "agrees", "deviation": 1.5, "deviation_sigma": 5.0,
+             "deviation_limit": 17.5, "deviation_unit": "m", "detail": "GPS of 4 photographs deviates by 1.5 m"}
+        ],
         "elements": [
             {"element_guid": place["element_guid"], "ifc_class": "IfcWall", "element_name": "Wall S",
              "storey": "Level 1", "material": "brick", "is_external": True, "facade": "S", "surface_area_m2": 60.0,

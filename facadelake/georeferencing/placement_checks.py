@@ -1,0 +1,203 @@
+"""Placement checks: what GPS, surveyed points and the model state about a placed campaign, compared with its placement.
+
+A placement with a small sigma can be wrong as a whole: control points with heights above another surface still fit one
+another to a centimetre. Only evidence that took no part in it can contradict it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from facadelake.core.arrays import Float64N, Float64Nx3, Float64x3, Int64Array
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.tables import table_from_rows
+from facadelake.georeferencing.probable_causes import suggest_causes
+from schemas.vocabulary import ControlKind, PlacementCheckOutcome, PlacementStatement
+
+# A deviation beyond this many sigmas is a disagreement: 1 in 2000 of normal errors, 1 in 450 in two dimensions.
+LIMIT_SIGMAS = 3.5
+_MIN_PRIORS = 3
+_MODEL_STATEMENTS = (
+    PlacementStatement.CAMERA_HEIGHT,
+    PlacementStatement.MODEL_IN_VIEW,
+    PlacementStatement.TIE_POINTS,
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlacementCheck:
+    """One statement compared with the placement.
+
+    ``deviation`` and ``limit`` in ``unit`` ("m", or "share" of photographs); NaN where not comparable. ``sigma``: that
+    of the deviation, NaN where it has none. ``detail``: the comparison in words. ``shift_site_m`` (3,): the shift of the
+    campaign by which the statement would agree; None where it gives none.
+    """
+
+    statement: PlacementStatement
+    outcome: PlacementCheckOutcome
+    detail: str
+    deviation: float = np.nan
+    sigma: float = np.nan
+    limit: float = np.nan
+    unit: str = "m"
+    shift_site_m: Float64x3 | None = None
+
+    @property
+    def disagrees(self) -> bool:
+        """Whether the statement contradicts the placement."""
+        return self.outcome is PlacementCheckOutcome.DISAGREES
+
+
+def compare_deviation(deviation: float, limit: float) -> PlacementCheckOutcome:
+    """``agrees`` up to the limit."""
+    return PlacementCheckOutcome.AGREES if deviation <= limit else PlacementCheckOutcome.DISAGREES
+
+
+def build_checks_table(checks: Sequence[PlacementCheck]) -> pa.Table:
+    """Table ``placement_checks``."""
+    rows: list[dict[str, Any]] = [
+        {
+            "statement": check.statement,
+            "placement_check_outcome": check.outcome,
+            "deviation": check.deviation if np.isfinite(check.deviation) else None,
+            "deviation_sigma": check.sigma if np.isfinite(check.sigma) else None,
+            "deviation_limit": check.limit if np.isfinite(check.limit) else None,
+            "deviation_unit": check.unit,
+            "detail": check.detail,
+        }
+        for check in checks
+    ]
+    return table_from_rows("placement_checks", rows)
+
+
+def check_gps(
+    residual_site_m: Float64Nx3, sigma_m: Float64Nx3, flight: Int64Array, placement_sigma_m: Float64x3
+) -> tuple[PlacementCheck, ...]:
+    """Compare GPS with the placed cameras: the common offset of each flight against what its receiver can err.
+
+    Args:
+        residual_site_m: GPS position minus camera centre (n, 3).
+        sigma_m: one sigma (n, 3) of each position, with the common error of its receiver and height datum.
+        flight: flight (n,) of each position.
+        placement_sigma_m: one sigma (3,) of the campaign's position.
+
+    Returns:
+        the check of the horizontal position and that of the height, each of the flight that deviates most.
+    """
+    offsets = []
+    for number in np.unique(flight):
+        rows = flight == number
+        if rows.sum() >= _MIN_PRIORS:
+            offset = np.median(residual_site_m[rows], axis=0)
+            sigma = np.hypot(np.median(sigma_m[rows], axis=0), placement_sigma_m)
+            offsets.append((int(number), int(rows.sum()), offset, sigma))
+    if not offsets:
+        detail = f"no flight has {_MIN_PRIORS} localised photographs with a GPS position and height"
+        return tuple(
+            PlacementCheck(statement=statement, outcome=PlacementCheckOutcome.NOT_COMPARABLE, detail=detail)
+            for statement in (PlacementStatement.GPS_POSITION, PlacementStatement.GPS_HEIGHT)
+        )
+    checks = []
+    for statement, axes in ((PlacementStatement.GPS_POSITION, [0, 1]), (PlacementStatement.GPS_HEIGHT, [2])):
+        number, count, offset, sigma = max(
+            offsets, key=lambda flown: float(np.linalg.norm(flown[2][axes]) / flown[3][axes].max())
+        )
+        deviation, limit = float(np.linalg.norm(offset[axes])), LIMIT_SIGMAS * float(sigma[axes].max())
+        stated = (
+            f"east {offset[0]:+.2f} m, north {offset[1]:+.2f} m" if axes == [0, 1] else f"{offset[2]:+.2f} m in height"
+        )
+        checks.append(
+            PlacementCheck(
+                statement=statement,
+                outcome=compare_deviation(deviation, limit),
+                deviation=deviation,
+                sigma=float(sigma[axes].max()),
+                limit=limit,
+                detail=f"GPS of {count} photographs (flight {number + 1}) deviates from the placed cameras by {stated} "
+                f"(median; sigma {sigma[axes].max():.2f} m, limit {limit:.2f} m)",
+                shift_site_m=np.where(np.isin(np.arange(3), axes), offset, 0.0),
+            )
+        )
+    return tuple(checks)
+
+
+def check_surveyed_points(residual_m: Float64N, placement_sigma_m: Float64x3, survey_sigma_m: float) -> PlacementCheck:
+    """Compare surveyed points that took no part in the placement: their median residual (k,) against the sigmas."""
+    statement = PlacementStatement.SURVEYED_POINTS
+    if not len(residual_m):
+        return PlacementCheck(
+            statement=statement,
+            outcome=PlacementCheckOutcome.NOT_COMPARABLE,
+            detail="no surveyed point was held out of the placement",
+        )
+    sigma = float(np.hypot(placement_sigma_m.max(), survey_sigma_m))
+    deviation, limit = float(np.median(residual_m)), LIMIT_SIGMAS * sigma
+    return PlacementCheck(
+        statement=statement,
+        outcome=compare_deviation(deviation, limit),
+        deviation=deviation,
+        sigma=sigma,
+        limit=limit,
+        detail=f"{len(residual_m)} surveyed points held out of the placement deviate by {deviation:.3f} m "
+        f"(median; sigma {sigma:.3f} m, limit {limit:.3f} m)",
+    )
+
+
+def require_agreement(
+    checks: Sequence[PlacementCheck],
+    *,
+    control: ControlKind,
+    method: str,
+    placement_sigma_max_m: float,
+    height_ellipsoidal_m: float,
+) -> tuple[str, ...]:
+    """Refuse a placement that independent evidence contradicts.
+
+    The model's statements always count, since defects are registered on it. GPS counts beyond the accuracy that a
+    campaign must have; where the block's tie points lie on the model, which is then a third statement, two agree
+    against GPS and it is reported only.
+
+    Args:
+        checks: the comparisons.
+        control: the control of the placement.
+        method: the control in words.
+        placement_sigma_max_m: accuracy that a campaign must have, metres.
+        height_ellipsoidal_m: median height of the placed cameras, for the probable cause.
+
+    Returns:
+        remarks on the disagreements that do not refuse the placement.
+
+    Raises:
+        GeoreferenceError: the placement is contradicted. The message has every disagreement, with its value, its limit
+            and probable causes.
+    """
+    disagreements = [check for check in checks if check.disagrees]
+    model_agrees = control is not ControlKind.MODEL and any(
+        check.statement is PlacementStatement.TIE_POINTS and check.outcome is PlacementCheckOutcome.AGREES
+        for check in checks
+    )
+    refused = [
+        check
+        for check in disagreements
+        if check.statement in _MODEL_STATEMENTS
+        or (
+            check.statement in (PlacementStatement.GPS_POSITION, PlacementStatement.GPS_HEIGHT)
+            and check.deviation > placement_sigma_max_m
+            and not model_agrees
+        )
+    ]
+    if not refused:
+        return tuple(f"disagreement: {check.detail}" for check in disagreements)
+    agreeing = [check.detail for check in checks if check.outcome is PlacementCheckOutcome.AGREES]
+    shifts = [check.shift_site_m for check in disagreements if check.shift_site_m is not None]
+    causes = suggest_causes(shifts, height_ellipsoidal_m)
+    raise GeoreferenceError(
+        f"the placement by {method} is contradicted: {'; '.join(check.detail for check in disagreements)}"
+        + (f". It agrees with: {'; '.join(agreeing)}" if agreeing else "")
+        + f". {causes}. Correct the statement that is wrong, or choose another control with --georeference"
+    )
