@@ -14,7 +14,7 @@ from rich.markup import escape
 from rich.table import Table as RichTable
 
 from facadelake.lake import read_table
-from schemas.vocabulary import ControlKind, PoseSource
+from schemas.vocabulary import ControlKind, PlacementCheckOutcome, PoseSource
 
 if TYPE_CHECKING:
     from flows.inspect_building import InspectionResult
@@ -53,6 +53,15 @@ def show_inspection(console: Console, lake: Path, result: InspectionResult) -> N
     table.add_row("georeference", escape("\n".join(format_georeference(passport))))
     if passport["remarks"]:
         table.add_row("", escape(passport["remarks"]))
+    placement = rows("placement_checks")
+    comparable = [row for row in placement if row["placement_check_outcome"] != PlacementCheckOutcome.NOT_COMPARABLE]
+    disagreeing = [row for row in comparable if row["placement_check_outcome"] == PlacementCheckOutcome.DISAGREES]
+    agreeing = [row["statement"] for row in comparable if row not in disagreeing]
+    table.add_row(
+        "placement", f"{len(agreeing)} of {len(comparable)} statements agree ({', '.join(agreeing) or 'none'})"
+    )
+    for row in disagreeing:
+        table.add_row("[yellow]disagreement[/yellow]", escape(row["detail"]))
     found = [row["detection_outcome"] for row in detections if row["detection_outcome"] != "accepted"]
     detectors = ", ".join(sorted({row["detector"] for row in detections}))
     by = f" by {escape(detectors)}" if detectors else ""

@@ -34,8 +34,8 @@ class PlacementCheck:
     """One statement compared with the placement.
 
     ``deviation`` and ``limit`` in ``unit`` ("m", or "share" of photographs); NaN where not comparable. ``sigma``: that
-    of the deviation, NaN where it has none. ``detail``: the comparison in words. ``shift_site_m`` (3,): the shift of the
-    campaign by which the statement would agree; None where it gives none.
+    of the deviation, NaN where it has none. ``detail``: the comparison in words. ``shift_site_m`` (3,): the
+    shift of the campaign by which the statement would agree; None where it gives none.
     """
 
     statement: PlacementStatement

@@ -42,6 +42,15 @@ def _patch_at(north_m: float, up_m: float) -> bytes:
     return bytes(shapely.to_wkb(shapely.Polygon(ring)))
 
 
+def _all_off_target(made: dict[str, list[dict[str, Any]]]) -> None:
+    """Twelve detections in localised photographs, none on the building."""
+    row = made["observations"][0]
+    row.update(observation_outcome="off_target", reason="it misses the building", defect_id=None)
+    made["observations"] += [row | {"detection_id": f"lost-{k}"} for k in range(12)]
+    for other in made["observations"]:
+        other.update(row | {"detection_id": other["detection_id"]})
+
+
 COUNTEREXAMPLES = {
     "accepted_detections_are_observed_once": lambda made: made["observations"].pop(),
     "accepted_photographs_have_one_pose_row": lambda made: made["poses"].pop(),
@@ -51,6 +60,7 @@ COUNTEREXAMPLES = {
     "covariances_of_poses": _set("poses", sigma_up_m=0.02),
     "counts_of_campaigns_agree": _set("campaigns", defects_total=99),
     "photo_counts_of_defects_agree": _set("defects", photo_count=7),
+    "detections_are_on_the_building": _all_off_target,
     "detections_are_in_known_photographs": _set("detections", photo_id="closerange/elsewhere.jpg"),
     "rejected_detections_have_a_reason": _set("detections", detection_outcome="bad_box"),
     "elements_of_defects": _set("defects", element_guid="0" * 22),

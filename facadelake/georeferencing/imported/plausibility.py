@@ -73,8 +73,9 @@ def _refuse_far(centres_site_m: Float64Nx3, surface: Surface, site_frame: SiteFr
     lon, lat, height = origin.geo_from_site(np.median(centres_site_m, axis=0)[None])[0].tolist()
     raise GeoreferenceError(
         f"the poses of {source} lie {np.median(distance_m) / 1000:.0f} km from the building model (limit "
-        f"{MAX_VIEWING_DISTANCE_M / 1000:g} km), near lon {lon:.4f}, lat {lat:.4f}, height {height:.0f} m; the building "
-        f"is near lon {origin.lon_deg:.4f}, lat {origin.lat_deg:.4f}: are lon and lat (or east and north) swapped, is an "
+        f"{MAX_VIEWING_DISTANCE_M / 1000:g} km), near lon {lon:.4f}, lat {lat:.4f}, height {height:.0f} m; the "
+        f"building is near lon {origin.lon_deg:.4f}, lat {origin.lat_deg:.4f}: are lon and lat (or east and north) "
+        "swapped, is an "
         "offset or a transform missing (COLMAP: georeference.txt), or is the CRS or zone wrong?"
     )
 

@@ -1,0 +1,97 @@
+"""Campaigns that fit their control to a centimetre and lie elsewhere: refused, with what contradicts them and why."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from facadelake.core.errors import GeoreferenceError
+from facadelake.georeferencing.gcp.control_points import SurveyedPoints
+from schemas.vocabulary import ControlKind, PlacementCheckOutcome
+from tests.synthetic.test_georeference import Scene, build_model, build_ring
+
+SCENE = Scene(build_ring())
+NOT_IN_VIEW = "0 of 24 photographs have the building model in view (limit 25%)"
+
+
+def move(points: SurveyedPoints, east_m: float = 0.0, north_m: float = 0.0, up_m: float = 0.0) -> SurveyedPoints:
+    return replace(
+        points,
+        points=tuple(replace(p, x=p.x + east_m, y=p.y + north_m, z=p.z + up_m) for p in points.points),
+    )
+
+
+def scale_heights(points: SurveyedPoints, factor: float) -> SurveyedPoints:
+    return replace(points, points=tuple(replace(p, z=p.z * factor) for p in points.points))
+
+
+def test_control_points_right_by_themselves_agree() -> None:
+    found = SCENE.georeference(ControlKind.GCP, control_points=SCENE.build_control(), model=build_model())
+    outcomes = {check.statement: check.outcome for check in found.placement_checks}
+    assert set(outcomes.values()) == {PlacementCheckOutcome.AGREES}
+    assert len(outcomes) == 6
+    assert "disagreement" not in found.row["remarks"]
+
+
+def test_control_points_48_m_low() -> None:
+    """They fit one another to a centimetre; the campaign was once committed with every check passed."""
+    with pytest.raises(GeoreferenceError) as raised:
+        SCENE.georeference(ControlKind.GCP, control_points=move(SCENE.build_control(), up_m=-48.0), model=build_model())
+    message = str(raised.value)
+    assert message.startswith("the placement by control points is contradicted: the cameras lie -4")
+    assert NOT_IN_VIEW in message
+    assert "would, if the campaign were shifted by east " in message
+    assert "height +48.0 m" in message
+    assert (
+        "Probable causes: heights above the geoid taken as ellipsoidal, or the reverse (a shift of +48.0 m in height "
+        "has the size of a geoid height)" in message
+    )
+    assert message.endswith("Correct the statement that is wrong, or choose another control with --georeference")
+
+
+def test_control_points_in_another_datum() -> None:
+    with pytest.raises(GeoreferenceError) as raised:
+        SCENE.georeference(
+            ControlKind.GCP, control_points=move(SCENE.build_control(), 120.0, 90.0), model=build_model()
+        )
+    message = str(raised.value)
+    assert "GPS of 24 photographs (flight 1) deviates from the placed cameras by east -11" in message
+    assert "another datum or CRS (a horizontal shift of 1" in message
+    assert "m has the size of a datum shift)" in message
+
+
+def test_control_points_one_metre_off_are_contradicted_by_the_tie_points_alone() -> None:
+    with pytest.raises(GeoreferenceError) as raised:
+        SCENE.georeference(ControlKind.GCP, control_points=move(SCENE.build_control(), 1.0, 0.8), model=build_model())
+    message = str(raised.value)
+    assert "tie points lie within 0.5 m of the faces of the model that are seen behind them; " in message
+    assert "It agrees with: GPS of 24 photographs" in message
+
+
+def test_rtk_positions_that_contradict_control_points_without_a_model() -> None:
+    photos = SCENE.build_photos()
+    exact = [0.02] * 24 + [None]
+    for name, column in (
+        ("prior_sigma_horizontal_m", exact),
+        ("prior_sigma_vertical_m", exact),
+        ("prior_height_datum", ["ellipsoidal"] * 24 + ["unknown"]),
+    ):
+        field = photos.schema.get_field_index(name)
+        photos = photos.set_column(field, photos.schema.field(name), [column])
+    with pytest.raises(GeoreferenceError) as raised:
+        SCENE.georeference(ControlKind.GCP, control_points=SCENE.build_control(), photos=photos)
+    assert "m in height (median; sigma 0.0" in str(raised.value)
+    found = SCENE.georeference(
+        ControlKind.GCP, control_points=SCENE.build_control(), photos=photos, model=build_model()
+    )
+    assert found.row["remarks"].startswith("disagreement: GPS of 24 photographs (flight 1) deviates")
+    assert np.linalg.norm(SCENE.compute_error_m(found), axis=1).mean() < 0.04  # m
+
+
+def test_poses_of_a_scene_in_feet() -> None:
+    with pytest.raises(GeoreferenceError, match=r"heights in feet read as metres \(the cameras lie"):
+        SCENE.georeference(
+            ControlKind.GCP, control_points=move(SCENE.build_control(), up_m=187 / 0.3048 - 187), model=build_model()
+        )

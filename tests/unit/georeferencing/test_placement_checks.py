@@ -1,0 +1,178 @@
+"""Placement checks: displaced blocks are contradicted, by the displacement; right ones are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from facadelake.core.camera import Camera, PosedCamera
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.frames import Similarity
+from facadelake.georeferencing.model_checks import check_cameras, check_tie_points, search_model_shift
+from facadelake.georeferencing.placement_checks import (
+    PlacementCheck,
+    build_checks_table,
+    check_gps,
+    check_surveyed_points,
+    require_agreement,
+)
+from facadelake.georeferencing.probable_causes import suggest_causes
+from schemas.vocabulary import ControlKind, PlacementCheckOutcome, PlacementStatement
+from tests.unit.georeferencing.small_block import BoxSurface, rotation_from_target
+
+BOX = BoxSurface(half_m=(10.0, 6.0), height_m=14.0, ground=False)
+CAMERA = Camera(width_px=400, height_px=300, fx_px=290, fy_px=290, cx_px=200, cy_px=150)
+AGREES, DISAGREES = PlacementCheckOutcome.AGREES, PlacementCheckOutcome.DISAGREES
+SIGMA = np.array([0.01, 0.01, 0.01])
+NO_SHIFT = np.zeros(3)
+
+
+def build_cameras(shift: np.ndarray) -> list[PosedCamera]:
+    cameras = []
+    for angle in np.linspace(0, 2 * np.pi, 24, endpoint=False):
+        centre = np.array([26 * np.cos(angle), 22 * np.sin(angle), 7.0])
+        rotation = rotation_from_target(np.array([0, 0, 6.0]), centre)
+        pose = Similarity(rotation=rotation, translation=centre + shift)
+        cameras.append(PosedCamera(camera=CAMERA, site_from_cam=pose))
+    return cameras
+
+
+def draw_tie_points(shift: np.ndarray, count: int = 600) -> tuple[np.ndarray, np.ndarray]:
+    """Points on the walls of the box with the centres of cameras before them, both displaced."""
+    random = np.random.default_rng(3)
+    u, v, side = random.uniform(-1, 1, count), random.uniform(0.2, 13.8, count), random.integers(0, 4, count)
+    sign = np.where(side % 2 == 0, 1.0, -1.0)
+    x = np.where(side < 2, u * 9.8, sign * 10.0)
+    y = np.where(side < 2, sign * 6.0, u * 5.8)
+    outward = np.column_stack([np.where(side < 2, 0.0, sign), np.where(side < 2, sign, 0.0), np.zeros(count)])
+    xyz = np.column_stack([x, y, v])
+    origin = xyz + 15 * outward + random.uniform(-2, 2, (count, 3))
+    return xyz + shift, origin + shift
+
+
+@pytest.mark.parametrize(
+    "shift", [(0, 0, -48), (0, 0, 1101 - 1003), (2, 0, 0), (0, 3, 0), (0, 0, -6), (6, -4, 30)], ids=str
+)
+def test_a_displaced_block_is_contradicted_by_its_tie_points_and_the_shift_back_is_told(
+    shift: tuple[float, ...],
+) -> None:
+    displaced = np.array(shift, dtype=float)
+    xyz, origin = draw_tie_points(displaced)
+    check = check_tie_points(xyz, origin, BOX, gps_shift_site_m=NO_SHIFT, sigma_m=SIGMA)
+    assert check.outcome is DISAGREES
+    assert check.shift_site_m is not None
+    assert np.abs(check.shift_site_m + displaced).max() <= 0.5
+
+
+@pytest.mark.parametrize("shift", [(0, 0, 0), (0.2, 0.1, 0.0), (0, -0.3, 0.2)], ids=str)
+def test_a_block_on_the_model_agrees(shift: tuple[float, ...]) -> None:
+    xyz, origin = draw_tie_points(np.array(shift, dtype=float))
+    check = check_tie_points(xyz, origin, BOX, gps_shift_site_m=NO_SHIFT, sigma_m=SIGMA)
+    assert check.outcome is AGREES
+
+
+def test_a_displacement_within_the_sigma_of_the_campaign_agrees() -> None:
+    xyz, origin = draw_tie_points(np.array([3.0, 0, 0]))
+    gps = np.array([3.0, 3.0, 5.0])
+    assert check_tie_points(xyz, origin, BOX, gps_shift_site_m=NO_SHIFT, sigma_m=gps).outcome is AGREES
+    assert check_tie_points(xyz, origin, BOX, gps_shift_site_m=NO_SHIFT, sigma_m=SIGMA).outcome is DISAGREES
+
+
+def test_the_search_finds_nothing_where_the_model_is_far() -> None:
+    xyz, origin = draw_tie_points(np.array([400.0, 0, 0]))
+    found = search_model_shift(xyz, origin, BOX, NO_SHIFT)
+    assert (found.matched, found.matched_shifted) == (0, 0)
+    assert check_tie_points(xyz, origin, BOX, gps_shift_site_m=NO_SHIFT, sigma_m=SIGMA).outcome is DISAGREES
+    near_gps = search_model_shift(xyz, origin, BOX, np.array([-401.0, 1.0, 2.0]))
+    assert np.abs(near_gps.shift_site_m - [-400, 0, 0]).max() <= 0.5
+
+
+def test_too_few_tie_points_are_not_comparable() -> None:
+    xyz, origin = draw_tie_points(NO_SHIFT, 20)
+    check = check_tie_points(xyz, origin, BOX, gps_shift_site_m=NO_SHIFT, sigma_m=SIGMA)
+    assert check.outcome is PlacementCheckOutcome.NOT_COMPARABLE
+
+
+def outcomes(cameras: list[PosedCamera]) -> list[PlacementCheckOutcome]:
+    return [check.outcome for check in check_cameras(cameras, BOX, 0.0, 14.0)]
+
+
+def test_cameras_below_the_ground_far_above_or_looking_away_are_contradicted_by_the_model() -> None:
+    assert outcomes(build_cameras(NO_SHIFT)) == [AGREES, AGREES]
+    assert outcomes(build_cameras(np.array([0, 0, -48.0]))) == [DISAGREES, DISAGREES]
+    assert outcomes(build_cameras(np.array([0, 0, 1101.0])))[0] is DISAGREES
+    assert outcomes(build_cameras(np.array([250.0, 0, 0])))[1] is DISAGREES
+
+
+def test_gps_is_compared_in_proportion_to_its_sigma_and_by_flight() -> None:
+    count = 10
+    flight = np.repeat([0, 1], count)
+    sigma = np.repeat([[3.0, 3.0, 5.0], [0.02, 0.02, 0.04]], count, axis=0)
+    residual = np.repeat([[4.0, 3.0, 6.0], [0.0, 0.0, 0.0]], count, axis=0)
+    assert [check.outcome for check in check_gps(residual, sigma, flight, SIGMA)] == [AGREES, AGREES]
+    residual[flight == 1] = [0.3, 0.0, 0.0]  # no RTK fix is 30 cm off
+    position, height = check_gps(residual, sigma, flight, SIGMA)
+    assert (position.outcome, height.outcome) == (DISAGREES, AGREES)
+    assert position.deviation == pytest.approx(0.3)
+    assert position.limit == pytest.approx(3.5 * np.hypot(0.02, 0.01))
+    assert "flight 2" in position.detail
+
+
+def test_without_gps_nothing_is_compared() -> None:
+    checks = check_gps(np.zeros((2, 3)), np.ones((2, 3)), np.zeros(2, dtype=np.int64), SIGMA)
+    assert {check.outcome for check in checks} == {PlacementCheckOutcome.NOT_COMPARABLE}
+
+
+def test_surveyed_points_are_compared_with_both_sigmas() -> None:
+    assert check_surveyed_points(np.array([0.02, 0.03]), SIGMA, 0.01).outcome is AGREES
+    assert check_surveyed_points(np.array([0.2, 0.3]), SIGMA, 0.01).outcome is DISAGREES
+    assert check_surveyed_points(np.zeros(0), SIGMA, 0.01).outcome is PlacementCheckOutcome.NOT_COMPARABLE
+
+
+def require(*checks: PlacementCheck, control: ControlKind = ControlKind.GCP) -> tuple[str, ...]:
+    return require_agreement(
+        checks, control=control, method="control points", placement_sigma_max_m=0.5, height_ellipsoidal_m=470.0
+    )
+
+
+def state(statement: PlacementStatement, outcome: PlacementCheckOutcome, deviation: float = 0.0) -> PlacementCheck:
+    shift = np.array([0, 0, deviation]) if deviation else None
+    return PlacementCheck(
+        statement=statement, outcome=outcome, detail=f"{statement} {outcome}", deviation=deviation, shift_site_m=shift
+    )
+
+
+def test_the_model_always_counts_and_gps_where_the_model_does_not_decide() -> None:
+    on_model = state(PlacementStatement.TIE_POINTS, AGREES)
+    gps = state(PlacementStatement.GPS_HEIGHT, DISAGREES, 48.0)
+    with pytest.raises(GeoreferenceError, match="geoid"):
+        require(gps)
+    assert require(gps, on_model) == ("disagreement: gps_height disagrees",)
+    with pytest.raises(GeoreferenceError, match="gps_height"):  # tie points placed on the model are no third witness
+        require(gps, on_model, control=ControlKind.MODEL)
+    with pytest.raises(GeoreferenceError, match=r"tie_points disagrees.*agrees with: gps_position"):
+        require(state(PlacementStatement.TIE_POINTS, DISAGREES, 48.0), state(PlacementStatement.GPS_POSITION, AGREES))
+    small = state(PlacementStatement.GPS_HEIGHT, DISAGREES, 0.3)  # within the accuracy that a campaign must have
+    assert require(small) == ("disagreement: gps_height disagrees",)
+
+
+@pytest.mark.parametrize(
+    ("shift", "height", "cause"),
+    [
+        ((0, 0, 48.0), 430.0, "geoid"),
+        ((0, 0, 478 - 478 / 0.3048), 478 / 0.3048, "feet read as metres"),
+        ((0, 0, 478 - 478 * 0.3048), 478 * 0.3048, "metres read as feet"),
+        ((120, 90, 0), 400.0, "datum"),
+        ((4000, -2500, 0), 400.0, "exchanged"),
+        ((1, 1, 1), 400.0, "another place"),
+    ],
+)
+def test_probable_causes(shift: tuple[float, ...], height: float, cause: str) -> None:
+    assert cause in suggest_causes([np.array(shift, dtype=float)], height)
+
+
+def test_the_table_has_a_row_for_each_statement() -> None:
+    table = build_checks_table([*check_cameras(build_cameras(NO_SHIFT), BOX, 0.0, 14.0)])
+    assert table.column("statement").to_pylist() == ["camera_height", "model_in_view"]
+    assert table.column("deviation").to_pylist() == [0.0, 1.0]
+    assert table.column("deviation_sigma").to_pylist() == [None, None]
