@@ -96,11 +96,17 @@ def check_files(building: Building, campaign_id: str, detections: str | None) ->
         )
     else:
         load_configured_detector(building.detector)  # an unusable model is reported before the hours of work
-    warnings = list_position_remarks(building, campaign_id)
-    if building.control_points is not None and building.locate_control_points(campaign_id) is None:
-        path = building.control_points.replace("{campaign}", campaign_id)
-        return (f"the portfolio names control points, but {path} does not exist; the control is GPS", *warnings)
-    return warnings
+    surveyed = (
+        ("control", building.control_points, building.locate_control_points(campaign_id)),
+        ("check", building.check_points, building.locate_check_points(campaign_id)),
+    )
+    missing = tuple(
+        f"the portfolio names {kind} points, but {template.replace('{campaign}', campaign_id)} does not exist; the "
+        "campaign is placed without them"
+        for kind, template, path in surveyed
+        if template is not None and path is None
+    )
+    return (*missing, *list_position_remarks(building, campaign_id))
 
 
 @dataclass(frozen=True, kw_only=True)

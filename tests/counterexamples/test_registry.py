@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from facadelake.campaigns.preflight import check_files
 from facadelake.core.errors import FacadelakeError, InputDataError
 from facadelake.registry import Building, read_portfolio
 from facadelake.severity.rule_packs import find_rule_file
@@ -194,3 +195,18 @@ def test_a_model_of_no_known_kind(tmp_path: Path, model: str) -> None:
         "keyword 'as-built' for none"
     )
     assert said in str(raised.value)
+
+
+def test_surveyed_points_that_are_not_there(tmp_path: Path) -> None:
+    photographs = tmp_path / "photos" / "2026-05" / "images"
+    photographs.mkdir(parents=True)
+    (photographs.parent / "boxes.json").write_text("{}")
+    path = tmp_path / "portfolio.yaml"
+    named = "    control_points: photos/{campaign}/gcp.txt\n    check_points: photos/{campaign}/check.txt\n"
+    path.write_text(GOOD.replace("models/hall.ifc", "as-built") + named)
+    told = check_files(read_portfolio(path).get_building("hall"), "2026-05", None)
+    at = photographs.parent
+    assert told == (
+        f"the portfolio names control points, but {at}/gcp.txt does not exist; the campaign is placed without them",
+        f"the portfolio names check points, but {at}/check.txt does not exist; the campaign is placed without them",
+    )
