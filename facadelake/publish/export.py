@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import uuid
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import pyarrow as pa
@@ -15,6 +14,7 @@ from facadelake.core.errors import InputDataError
 from facadelake.publish.columns import GEOMETRIES, GEOMETRY, PATCH, flatten_table, order_columns, wkt_from_wkb
 from facadelake.publish.geopackage import create_facade_layers, create_map_layers, write_attribute_table, write_layers
 from facadelake.publish.geoparquet import CRS_2D, geodataframe_from_table, write_geoparquet
+from facadelake.publish.replaced_file import replace_file
 
 
 def export_table(name: str, table: pa.Table, path: Path) -> Path:
@@ -23,40 +23,35 @@ def export_table(name: str, table: pa.Table, path: Path) -> Path:
     ``.parquet``: GeoParquet in EPSG:4979, or plain Parquet for a table without geometry. ``.gpkg``: layers in 2D and
     3D of the points and of the patches; for defects also one layer per facade, in the facade's plane. ``.geojson``:
     RFC 7946 with heights. ``.csv``: geometry as WKT. In the last three a list of numbers is JSON text.
-    Raises InputDataError for an unsupported suffix, a missing folder, or GeoJSON of a table without geometry.
+    Raises InputDataError for an unsupported suffix, a missing folder, GeoJSON of a table without geometry, a file that
+    another program has open, or one that cannot be read back; an earlier file is then left as it was.
     """
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
         raise InputDataError(f"cannot write {path.name}: the suffix must be one of {', '.join(FORMATS)}")
     if not path.parent.is_dir():
         raise InputDataError(f"cannot write {path}: folder {path.parent} does not exist; create it first")
-    temporary = path.parent / f".{uuid.uuid4().hex[:8]}{suffix}"
-    try:
-        FORMATS[suffix](name, table, temporary)
-        temporary.replace(path)
-    except OSError as error:
-        raise InputDataError(f"cannot write {path}: {error}; choose a writable folder with free space") from error
-    finally:
-        temporary.unlink(missing_ok=True)
+    replace_file(path, lambda file: FORMATS[suffix](name, table, file))
     return path
 
 
-def _write_parquet(name: str, table: pa.Table, path: Path) -> None:
+def _write_parquet(name: str, table: pa.Table, path: Path) -> Mapping[str, int]:
     if GEOMETRY in table.column_names:
         write_geoparquet(geodataframe_from_table(table), path)
     else:
         pq.write_table(order_columns(table), path)
+    return {"": len(table)}
 
 
-def _write_geopackage(name: str, table: pa.Table, path: Path) -> None:
+def _write_geopackage(name: str, table: pa.Table, path: Path) -> Mapping[str, int]:
     if GEOMETRY not in table.column_names:
         write_attribute_table(table, name, path)
-        return
+        return {name: len(table)}
     facades = create_facade_layers(table) if name == "defects" else iter(())
-    write_layers((layer for layers in (create_map_layers(table, name), facades) for layer in layers), path)
+    return write_layers((layer for layers in (create_map_layers(table, name), facades) for layer in layers), path)
 
 
-def _write_geojson(name: str, table: pa.Table, path: Path) -> None:
+def _write_geojson(name: str, table: pa.Table, path: Path) -> Mapping[str, int]:
     if GEOMETRY not in table.column_names:
         raise InputDataError(
             f"table {name} has no geometry and cannot be written as GeoJSON; write .csv, .parquet or .gpkg"
@@ -76,17 +71,19 @@ def _write_geojson(name: str, table: pa.Table, path: Path) -> None:
         RFC7946="YES",
         COORDINATE_PRECISION="9",
     )
+    return {"": len(table)}
 
 
-def _write_csv(name: str, table: pa.Table, path: Path) -> None:
+def _write_csv(name: str, table: pa.Table, path: Path) -> Mapping[str, int]:
     rows = flatten_table(table)
     for name in GEOMETRIES:
         if name in table.column_names:
             rows = rows.append_column(f"{name}_wkt", wkt_from_wkb(table, name))
     csv.write_csv(rows, path)
+    return {"": len(table)}
 
 
-FORMATS: dict[str, Callable[[str, pa.Table, Path], None]] = {
+FORMATS: dict[str, Callable[[str, pa.Table, Path], Mapping[str, int]]] = {
     ".parquet": _write_parquet,
     ".gpkg": _write_geopackage,
     ".geojson": _write_geojson,

@@ -143,9 +143,13 @@ def _measure_offsets(rows: pa.Table, vertices_geo: Float64Nx3, row: Int64Array) 
     return offsets
 
 
-def write_layers(layers: Iterator[GisLayer], path: Path) -> None:
-    """Write a new GeoPackage with the layers in the given order; GIS programs open the first one by default."""
+def write_layers(layers: Iterator[GisLayer], path: Path) -> dict[str, int]:
+    """Write a new GeoPackage with the layers in the given order, and return their numbers of rows by name.
+
+    GIS programs open the first one by default.
+    """
     path.unlink(missing_ok=True)
+    rows = {}
     for index, layer in enumerate(layers):
         pyogrio.write_arrow(
             flatten_table(layer.rows).append_column(GEOMETRY, pa.array(layer.geometry, pa.binary())),
@@ -157,6 +161,8 @@ def write_layers(layers: Iterator[GisLayer], path: Path) -> None:
             crs=layer.crs,
             append=index > 0,
         )
+        rows[layer.name] = len(layer.rows)
+    return rows
 
 
 def write_attribute_table(table: pa.Table, name: str, path: Path) -> None:

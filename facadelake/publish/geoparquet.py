@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import geopandas as gpd
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -15,6 +17,7 @@ from schemas.column_type import GEO_CRS
 
 CRS_3D = GEO_CRS  # longitude, latitude, ellipsoidal height
 CRS_2D = "EPSG:4326"  # longitude and latitude only
+_SIDES = ("xmin", "ymin", "xmax", "ymax")
 
 
 def geodataframe_from_table(table: pa.Table) -> gpd.GeoDataFrame:
@@ -40,9 +43,18 @@ def drop_heights(rows: gpd.GeoDataFrame) -> gpd.GeoDataFrame:
     return flat.set_geometry(GEOMETRY)
 
 
-def write_geoparquet(rows: gpd.GeoDataFrame, path: Path) -> None:
-    """Write GeoParquet 1.1 with the CRS as PROJJSON and a bbox column, compressed with Snappy for compatibility.
+def _bound(geometries: gpd.GeoSeries) -> pa.StructArray:
+    """Bounding boxes of a column; null where there is no geometry."""
+    bounds = shapely.bounds(geometries.values)
+    missing = pa.array(np.isnan(bounds[:, 0]))
+    return pa.StructArray.from_arrays([pa.array(side) for side in bounds.T], names=list(_SIDES), mask=missing)
 
+
+def write_geoparquet(rows: gpd.GeoDataFrame, path: Path) -> None:
+    """Write GeoParquet 1.1 with the CRS as PROJJSON and bbox columns, compressed with Snappy for compatibility.
+
+    ``bbox`` covers the geometry, ``patch_bbox`` the patch: GeoPandas writes ``bbox`` alone and declares it as the
+    covering of every geometry column, by which a filter of patches would lose rows.
     The ``pandas`` key of the file's metadata is removed: it names Arrow's list types in a form that pandas 3.1 and
     GeoPandas cannot read back.
     """
@@ -55,4 +67,11 @@ def write_geoparquet(rows: gpd.GeoDataFrame, path: Path) -> None:
     )
     table = pq.ParquetFile(path).read()
     metadata = {key: value for key, value in (table.schema.metadata or {}).items() if key != b"pandas"}
+    geo = json.loads(metadata[b"geo"])
+    for name, column in geo["columns"].items():
+        if name != geo["primary_column"]:
+            bbox = f"{name}_bbox"
+            table = table.append_column(bbox, _bound(rows[name]))
+            column["covering"] = {"bbox": {side: [bbox, side] for side in _SIDES}}
+    metadata[b"geo"] = json.dumps(geo).encode()
     pq.write_table(table.replace_schema_metadata(metadata), path, compression="snappy")

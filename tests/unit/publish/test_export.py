@@ -1,6 +1,10 @@
 """Export of one table to one file; the suffix selects the format."""
 
 import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pyarrow.csv as csv
@@ -11,6 +15,7 @@ import shapely
 
 from facadelake.core.errors import InputDataError
 from facadelake.publish.export import export_table
+from facadelake.publish.replaced_file import replace_file
 from tests.unit.lake.small_campaign import HEIGHT, LAT, LON, lake_tables
 
 TABLES = lake_tables()
@@ -87,6 +92,71 @@ def test_an_earlier_file_is_replaced(tmp_path: Path) -> None:
     export_table("defects", TABLES["defects"], path)
     export_table("defects", TABLES["defects"].slice(0, 1), path)
     assert pyogrio.read_info(path, layer="defects")["features"] == 1
+
+
+@contextmanager
+def open_elsewhere(path: Path) -> Iterator[None]:
+    """The GeoPackage as QGIS holds it: open in another process, in write-ahead mode, with a row in the log."""
+    code = (
+        "import sqlite3, sys; c = sqlite3.connect(sys.argv[1], isolation_level=None); "
+        "c.execute('PRAGMA journal_mode = WAL'); c.execute('PRAGMA wal_autocheckpoint = 0'); "
+        "c.execute('CREATE TABLE IF NOT EXISTS styles (name)'); c.execute('INSERT INTO styles VALUES (1)'); "
+        "print('open', flush=True); sys.stdin.read(1); import os; os._exit(0)"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdin is not None and process.stdout is not None
+    try:
+        assert process.stdout.readline() == "open\n"
+        yield
+    finally:
+        process.stdin.close()
+        process.wait(10)
+        process.stdout.close()
+
+
+def test_a_geopackage_that_is_open_elsewhere_is_refused_and_left_as_it_was(tmp_path: Path) -> None:
+    path = tmp_path / "defects.gpkg"
+    export_table("defects", TABLES["defects"], path)
+    with open_elsewhere(path), pytest.raises(InputDataError, match=r"defects\.gpkg: it is open in another program"):
+        export_table("defects", TABLES["defects"].slice(0, 1), path)
+    assert pyogrio.read_info(path, layer="defects")["features"] == 3
+
+
+def test_the_log_of_a_program_that_ended_is_removed_with_the_file(tmp_path: Path) -> None:
+    """A stale -wal of the old file, applied to the new one, made it unreadable, and the export ended with 0."""
+    path, log = tmp_path / "defects.gpkg", tmp_path / "defects.gpkg-wal"
+    export_table("defects", TABLES["defects"], path)
+    with open_elsewhere(path):
+        pass
+    assert log.stat().st_size > 0  # it ended without closing
+    export_table("defects", TABLES["defects"].slice(0, 1), path)
+    assert pyogrio.read_info(path, layer="defects")["features"] == 1
+    path.unlink()
+    log.write_bytes(b"of a file that is gone")
+    export_table("defects", TABLES["defects"], path)
+    assert pyogrio.read_info(path, layer="defects")["features"] == 3
+    assert [one.name for one in tmp_path.iterdir()] == ["defects.gpkg"]
+    path.write_text("no database")
+    export_table("defects", TABLES["defects"], path)
+    assert pyogrio.read_info(path, layer="defects")["features"] == 3
+
+
+@pytest.mark.parametrize("suffix", [".gpkg", ".parquet", ".csv", ".geojson"])
+def test_what_cannot_be_read_back_does_not_replace_the_earlier_file(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"defects{suffix}"
+    export_table("defects", TABLES["defects"], path)
+    before = path.read_bytes()
+
+    def write_half(file: Path) -> dict[str, int]:
+        file.write_bytes(before[: len(before) // 2])
+        return {"defects": 3} if suffix == ".gpkg" else {"": 3}
+
+    with pytest.raises(InputDataError, match=r"read back"):
+        replace_file(path, write_half)
+    assert path.read_bytes() == before
+    assert [one.name for one in tmp_path.iterdir()] == [path.name]
 
 
 def test_unsupported_suffix_and_missing_folder(tmp_path: Path) -> None:

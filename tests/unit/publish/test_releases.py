@@ -79,6 +79,40 @@ def test_geoparquet_metadata_state_version_crs_types_and_bbox(release: Path) -> 
         assert file.metadata.row_group(0).column(0).compression == "SNAPPY"
 
 
+def test_a_filter_by_the_covering_of_a_column_loses_no_row(release: Path) -> None:
+    """A patch reaches beyond its point, so the point's bounding box is no covering of it."""
+    for name in ("defects", "defects_2d", "observations"):
+        path = release / f"{name}.parquet"
+        columns = json.loads(pq.read_schema(path).metadata[b"geo"])["columns"]
+        rows = gpd.read_parquet(path)
+        assert len(rows) > 1
+        for column in ("geometry", "patch"):
+            found = shapely.bounds(rows[column].values)
+            with_bounds = ~np.isnan(found[:, 0])
+            sides = pq.read_table(path)[columns[column]["covering"]["bbox"]["xmin"][0]].to_pylist()
+            assert [side is not None for side in sides] == with_bounds.tolist()
+            stated = [[side[end] for end in ("xmin", "ymin", "xmax", "ymax")] for side in sides if side is not None]
+            np.testing.assert_allclose(stated, found[with_bounds], rtol=0, atol=1e-12)  # deg
+        right, top = rows["patch"].iloc[0].bounds[2:]
+        box = (right - 1e-9, top - 1e-9, right + 1e-9, top + 1e-9)  # the corner of a patch, off all points
+        found_by = {
+            column: open_duckdb("spatial")
+            .execute(
+                f"SELECT count(*) FROM read_parquet('{path}') WHERE {covering}.xmin <= {box[2]} AND {covering}.xmax >= "
+                f"{box[0]} AND {covering}.ymin <= {box[3]} AND {covering}.ymax >= {box[1]}"
+            )
+            .fetchall()[0][0]
+            for column in ("geometry", "patch")
+            for covering in (columns[column]["covering"]["bbox"]["xmin"][0],)
+        }
+        assert found_by["patch"] == int(rows["patch"].intersects(shapely.box(*box)).sum()) > 0
+        assert found_by["geometry"] == len(gpd.read_parquet(path, bbox=box)) == 0
+        x, y = rows.geometry.iloc[0].x, rows.geometry.iloc[0].y
+        near = gpd.read_parquet(path, bbox=(x - 1e-7, y - 1e-7, x + 1e-7, y + 1e-7))
+        expected = rows.geometry.intersects(shapely.box(x - 1e-7, y - 1e-7, x + 1e-7, y + 1e-7))
+        assert len(near) == int(expected.sum()) > 0
+
+
 def test_duckdb_reads_the_same_positions(release: Path) -> None:
     """DuckDB's reader is independent of GeoPandas."""
     rows = open_duckdb("spatial").execute(
@@ -114,7 +148,9 @@ def test_pandas_and_geopandas_read_every_file_with_its_lists(release: Path) -> N
 def test_attribute_table_begins_with_class_and_size_and_keeps_nulls(release: Path) -> None:
     table = pq.read_table(release / "defects.parquet")
     assert table.column_names[:4] == ["defect_id", "defect_class", "severity", "width_m"]
-    assert table.column_names[-6:] == ["building_id", "campaign_id", "run_id", "patch", "geometry", "bbox"]
+    assert table.column_names[-7:] == [
+        "building_id", "campaign_id", "run_id", "patch", "geometry", "bbox", "patch_bbox",
+    ]  # fmt: skip
     assert table["element_name"].null_count == 3
     assert str(table.schema.field("element_name").type) == "string"
 
