@@ -12,9 +12,10 @@ import pytest
 from facadelake.core.errors import InputDataError, ModelError
 from facadelake.core.tables import table_from_rows
 from facadelake.detection.campaign import OnnxDetector
-from facadelake.detection.card import ModelCard
+from facadelake.detection.card import ModelCard, OutputLayout
 from facadelake.detection.coco.import_detections import import_coco
 from facadelake.detection.inference.detector import load_detector
+from facadelake.detection.layouts.readers import READERS
 from tests.unit.detection.onnx_models import make_card, make_output, save_model
 
 PHOTOS = table_from_rows(
@@ -145,3 +146,44 @@ def test_a_model_with_one_class_more_than_its_card(tmp_path: Path) -> None:
         ModelError, match=r"shape \(1, 126, 8\), layout yolox with 2 .* has \(1, 126, 7\); with 3 class_names"
     ):
         OnnxDetector(model, ModelCard.model_validate(make_card("yolox")))
+
+
+CLASS_FIRST = np.array([[[10, 10, 30, 20, 0, 0.9], [40, 30, 60, 50, 1, 0.8], [0, 0, 0, 0, 0, 0]]], dtype=np.float64)
+
+
+@pytest.mark.parametrize("classes", [["crack", "spalling"], ["crack"]])
+def test_rows_of_box_class_score_are_not_read_as_box_score_class(tmp_path: Path, classes: list[str]) -> None:
+    """cases/onnx/cls_first.onnx: every score was 0 or 1, and every class 0."""
+    rows = CLASS_FIRST if len(classes) > 1 else CLASS_FIRST[:, :1]
+    model = save_model(tmp_path / "crack.onnx", rows)
+    with pytest.raises(ModelError) as raised:
+        OnnxDetector(model, ModelCard.model_validate(make_card("nms6", class_names=classes)))
+    count = len(rows[0]) - (len(rows[0]) > 1)
+    assert f"class column has {count} values that are not whole numbers, such as 0.9" in str(raised.value)
+    assert "rows seem to be box, class, score; export it with rows of box, score, class" in str(raised.value)
+
+
+def test_rows_of_box_class_score_that_a_probe_image_does_not_show_are_refused_with_the_first_box() -> None:
+    reader = READERS[OutputLayout.NMS6]
+    card = ModelCard.model_validate(make_card("nms6"))
+    with pytest.raises(ModelError, match="class column has 2 values that are not whole numbers"):
+        reader.read_candidates([CLASS_FIRST[0].astype(np.float32)], card, 0.25)
+
+
+@pytest.mark.parametrize(("task", "kind"), [("obb", "oriented boxes"), ("pose", "poses")])
+def test_exports_of_another_task_are_named(tmp_path: Path, task: str, kind: str) -> None:
+    """cases/onnx/obb_wide.onnx: the angle was taken for a class more."""
+    three = np.concatenate([make_output("yolov8", []), np.full((1, 1, 126), 0.5)], axis=1)
+    model = save_model(tmp_path / "crack.onnx", three, metadata={"task": task})
+    for card in (None, ModelCard.model_validate(make_card("yolov8", class_names=["a", "b", "c"]))):
+        with pytest.raises(ModelError) as raised:
+            load_detector(model) if card is None else OnnxDetector(model, card)
+        assert f"is an export of {kind} (its metadata state the task '{task}'), which no layout reads" in str(
+            raised.value
+        )
+
+
+def test_one_number_more_than_classes_may_be_an_angle(tmp_path: Path) -> None:
+    three = np.concatenate([make_output("yolov8", []), np.full((1, 1, 126), 0.5)], axis=1)
+    with pytest.raises(ModelError, match="with 3 class_names its shape fits; or it is an export of oriented boxes"):
+        OnnxDetector(save_model(tmp_path / "crack.onnx", three), ModelCard.model_validate(make_card("yolov8")))

@@ -45,6 +45,7 @@ def find_card(model: Path, card: Path | None = None) -> ModelCard:
     text = session.metadata.get(METADATA_KEY)
     if text is not None:
         return parse_card(text, f"model {model}, metadata {METADATA_KEY}")
+    session.refuse_other_tasks()
     draft = draft_card(session)
     raise ModelError(
         f"model card {beside} does not exist; every detector needs one beside it, or in its metadata under "

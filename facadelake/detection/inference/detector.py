@@ -56,6 +56,7 @@ class OnnxDetector:
         self.name = card.name
         self._session = ModelSession(model, threads=threads)
         self.sha256 = hash_file(model)
+        self._session.refuse_other_tasks()
         self._session.check_input(card.input)
         self._reader = READERS[card.output.layout]
         self._threshold = invert_calibration(card.score_threshold, card.score_calibration)

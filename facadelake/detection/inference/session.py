@@ -15,6 +15,8 @@ from facadelake.core.errors import ModelError
 from facadelake.detection.card import CardInput
 
 _IMAGE_TYPES: Mapping[str, type] = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
+# Values of the key "task" that Ultralytics writes, with what such a model finds.
+_OTHER_TASKS = {"obb": "oriented boxes", "pose": "poses", "classify": "classes of whole photographs"}
 _SIZE_TYPES: Mapping[str, type] = {**_IMAGE_TYPES, "tensor(int64)": np.int64, "tensor(int32)": np.int32}
 
 
@@ -46,6 +48,15 @@ class ModelSession:
             )
         self._images, self._sizes = images[0], sizes[0] if sizes else None
         self.output_names = tuple(str(output.name) for output in self._session.get_outputs())
+
+    def refuse_other_tasks(self) -> None:
+        """Raise ModelError where the file's metadata state a task whose outputs no layout reads (Ultralytics)."""
+        task = self.metadata.get("task", "")
+        if task in _OTHER_TASKS:
+            raise ModelError(
+                f"model {self.model} is an export of {_OTHER_TASKS[task]} (its metadata state the task {task!r}), "
+                "which no layout reads; export a model of the task 'detect' or 'segment'"
+            )
 
     @property
     def metadata(self) -> Mapping[str, str]:

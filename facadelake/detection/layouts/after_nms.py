@@ -15,8 +15,10 @@ from facadelake.detection.layouts.output_reader import (
     OutputTensor,
     SymbolicDimension,
     check_box_centres,
+    check_classes,
     check_corner_order,
     check_scores,
+    parse_classes,
 )
 from facadelake.detection.layouts.yolo import corners_from_centres
 
@@ -39,7 +41,7 @@ class Nms6Reader(OutputReader):
         return DetectionCandidates(
             corners_input=table[rows, :4],
             scores=table[rows, 4],
-            classes=table[rows, 5].astype(np.int64),
+            classes=parse_classes(table[:, 5], threshold)[rows],
             rows=rows,
         )
 
@@ -49,7 +51,9 @@ class Nms6Reader(OutputReader):
         """Scores outside 0..1, invalid corners, or normalised corners."""
         # Models pad their list with rows of score 0 or -1, whose corners are meaningless.
         positive = _select_positive(candidates)
-        mismatch = check_scores(candidates, lowest=-1.0) or check_corner_order(positive)
+        mismatch = (
+            check_classes(outputs[0][:, 5]) or check_scores(candidates, lowest=-1.0) or check_corner_order(positive)
+        )
         if mismatch or not len(positive.scores):
             return mismatch
         if np.abs(positive.corners_input).max() <= 1.5:
@@ -76,7 +80,7 @@ class RtdetrRowsReader(OutputReader):
         return DetectionCandidates(
             corners_input=corners_from_centres(table[rows, :2], table[rows, 2:4]) * size,
             scores=table[rows, 4],
-            classes=table[rows, 5].astype(np.int64),
+            classes=parse_classes(table[:, 5], threshold)[rows],
             rows=rows,
         )
 
@@ -85,7 +89,8 @@ class RtdetrRowsReader(OutputReader):
     ) -> str:
         """Scores outside 0..1, sizes below 0, or boxes in pixels."""
         return (
-            check_scores(candidates)
+            check_classes(outputs[0][:, 5])
+            or check_scores(candidates)
             or check_corner_order(candidates)
             or check_box_centres(candidates, card, reach_min=0.0, units="normalised to 0..1 (pixels?)")
         )

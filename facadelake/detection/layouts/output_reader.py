@@ -10,6 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from facadelake.core.arrays import Float32Array, Float32Nx4, Int64Array, RowIndices
+from facadelake.core.errors import ModelError
 from facadelake.detection.card import ModelCard
 from facadelake.detection.layouts.masks import CandidateMasks
 
@@ -95,6 +96,31 @@ def match_shapes(shapes: Sequence[tuple[int, ...]], tensors: Sequence[OutputTens
             ):
                 return False
     return True
+
+
+def parse_classes(column: Float32Array, threshold: float) -> Int64Array:
+    """Class numbers (n,) of a column of them.
+
+    Raises ModelError where they are not whole numbers: the columns of score and class are exchanged, and read as they
+    are, the class would be the score. While a layout is verified (``NO_THRESHOLD``), ``check_classes`` says so.
+    """
+    if threshold != NO_THRESHOLD and (mismatch := check_classes(column)):
+        raise ModelError(f"the model's {mismatch}")
+    with np.errstate(invalid="ignore"):
+        classes: Int64Array = column.astype(np.int64)
+    return classes
+
+
+def check_classes(column: Float32Array) -> str:
+    """Why a column cannot be class numbers; empty if it can."""
+    finite = column[np.isfinite(column)]
+    broken = finite[np.abs(finite - np.round(finite)) > 1e-3]
+    if not len(broken):
+        return ""
+    return (
+        f"class column has {len(broken)} values that are not whole numbers, such as {float(broken[0]):.3g}: its rows "
+        "seem to be box, class, score; export it with rows of box, score, class"
+    )
 
 
 def check_scores(candidates: DetectionCandidates, *, lowest: float = 0.0) -> str:

@@ -126,9 +126,18 @@ def _describe_alternatives(outputs: Mapping[str, Float32Array], card: ModelCard)
     if fitting:
         return f"shape and values fit layout {' or '.join(fitting)}; "
     counts = [count for count in find_class_counts(outputs, card) if count != len(card.class_names)]
+    if counts and (kind := _describe_extra(counts[0] - len(card.class_names))):
+        return f"with {counts[0]} class_names its shape fits; or it is {kind}, which no layout reads; "
     if counts:
         return f"with {' or '.join(str(count) for count in counts[:3])} class_names its shape fits; "
     return ""
+
+
+def _describe_extra(count: int) -> str:
+    """What a model has ``count`` more numbers than classes for each box; empty for none."""
+    if count == 1:
+        return "an export of oriented boxes (one number more: the angle)"
+    return "an export of poses (numbers of key points)" if count > 1 and not (count % 3 and count % 2) else ""
 
 
 def _check_names(outputs: Sequence[str], signature: Sequence[OutputTensor], card: ModelCard) -> None:

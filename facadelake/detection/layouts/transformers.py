@@ -16,8 +16,10 @@ from facadelake.detection.layouts.output_reader import (
     OutputTensor,
     SymbolicDimension,
     check_box_centres,
+    check_classes,
     check_corner_order,
     check_scores,
+    parse_classes,
 )
 from facadelake.detection.layouts.yolo import corners_from_centres
 
@@ -134,7 +136,7 @@ class RtdetrTripleReader(OutputReader):
         return DetectionCandidates(
             corners_input=boxes[queries] * size,
             scores=scores[queries],
-            classes=labels[queries].astype(np.int64),
+            classes=parse_classes(labels, threshold)[queries],
             rows=queries,
         )
 
@@ -143,7 +145,8 @@ class RtdetrTripleReader(OutputReader):
     ) -> str:
         """Scores outside 0..1, invalid corners, or boxes that are not scaled to the second input."""
         return (
-            check_scores(candidates)
+            check_classes(outputs[0])
+            or check_scores(candidates)
             or check_corner_order(candidates)
             or check_box_centres(candidates, card, reach_min=0.0, units="scaled to the model's second input")
         )
