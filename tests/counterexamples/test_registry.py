@@ -202,7 +202,10 @@ def test_surveyed_points_that_are_not_there(tmp_path: Path) -> None:
     photographs.mkdir(parents=True)
     (photographs.parent / "boxes.json").write_text("{}")
     path = tmp_path / "portfolio.yaml"
-    named = "    control_points: photos/{campaign}/gcp.txt\n    check_points: photos/{campaign}/check.txt\n    crs: {map: "EPSG:25832", vertical: ellipsoidal}\n"
+    named = (
+        "    control_points: photos/{campaign}/gcp.txt\n    check_points: photos/{campaign}/check.txt\n"
+        '    crs: {map: "EPSG:25832", vertical: ellipsoidal}\n'
+    )
     path.write_text(GOOD.replace("models/hall.ifc", "as-built") + named)
     told = check_files(read_portfolio(path).get_building("hall"), "2026-05", None)
     at = photographs.parent
