@@ -15,6 +15,7 @@ from facadelake.reporting.page import write_report
 from tasks.job import InspectionJob, StageResult, StageResults
 from tasks.record import read_stage_tables
 from tasks.stage import Counts, run_stage
+from tasks.verify_model import read_as_built_surface
 
 PICTURES = "pictures"  # published; the stage's folder also holds diagnostics
 
@@ -43,6 +44,7 @@ def draw(job: InspectionJob, results: StageResults, checks: StageResult) -> Stag
             integrity_views=tables["integrity_views"],
             checks=read_table("checks", checks.folder),
             placement_sigma_max_m=job.building.tolerances.placement_sigma_max_m,
+            as_built=read_as_built_surface(results),
         )
         write_report(inspection, Surface(building), folder / PICTURES, PictureSettings())
         return {"pictures": len(list(folder.rglob("*.png"))) + len(list(folder.rglob("*.jpg")))}

@@ -20,7 +20,7 @@ from facadelake.integrity import compare_views, record_uncompared_views
 from facadelake.sfm import read_mesh, write_as_built_mesh
 from schemas.vocabulary import IntegrityOutcome, SurfaceKind
 from tasks.georeference import SITE_FROM_SFM
-from tasks.job import InspectionJob, StageResult
+from tasks.job import InspectionJob, StageResult, StageResults
 from tasks.stage import Counts, run_stage
 
 NOTHING_INDEPENDENT = (
@@ -60,6 +60,18 @@ def _compare_views(
         write_as_built_mesh(block.folder, folder)
     except InputDataError as error:  # the block is too sparse; the campaign is committed without the comparison
         return record_uncompared_views(posed, str(error))
-    vertices_sfm, triangles = read_mesh(folder)
-    as_built = Surface.from_mesh(read_similarity(placed.folder / SITE_FROM_SFM).apply(vertices_sfm), triangles)
-    return compare_views(posed, Surface(building), as_built)
+    return compare_views(posed, Surface(building), _read_as_built_surface(folder, placed.folder))
+
+
+def read_as_built_surface(results: StageResults) -> Surface | None:
+    """The as-built surface in site that was compared with the model; None where there was none."""
+    is_compared = any(
+        outcome == IntegrityOutcome.COMPARED
+        for outcome in read_table("integrity_views", results.integrity.folder).column("integrity_outcome").to_pylist()
+    )
+    return _read_as_built_surface(results.integrity.folder, results.placed.folder) if is_compared else None
+
+
+def _read_as_built_surface(mesh: Path, placed: Path) -> Surface:
+    vertices_sfm, triangles = read_mesh(mesh)
+    return Surface.from_mesh(read_similarity(placed / SITE_FROM_SFM).apply(vertices_sfm), triangles)

@@ -9,8 +9,10 @@ from pathlib import Path
 import pyarrow as pa
 
 from facadelake.building import BuildingModel
+from facadelake.building.surface import Surface
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
+from facadelake.core.geodesy import SITE_AXES
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -18,7 +20,9 @@ class Inspection:
     """One campaign: its tables (columns as in schemas/), its building model and its poses.
 
     ``photographs_root``: folder of the photographs. ``posed``: cameras with poses, by photo_id.
-    ``placement_sigma_max_m``: largest permitted standard deviation of the campaign's position, metres.
+    ``placement_sigma_max_m``: largest permitted standard deviation of the campaign's position, metres. ``as_built``:
+    surface of the campaign's tie points in site, which shows what hides the walls; None where there is none (imported
+    poses, or pictures of a committed campaign, whose as-built surface is not in the lake).
     """
 
     building_name: str
@@ -37,10 +41,18 @@ class Inspection:
     integrity_views: pa.Table
     checks: pa.Table
     placement_sigma_max_m: float = 0.5
+    as_built: Surface | None = None
 
     def locate_photograph(self, photo_id: str) -> Path:
         """Path of a photograph; the file need not exist."""
         return self.photographs_root / photo_id
+
+    @property
+    def placement_sigma_m(self) -> float:
+        """Largest standard deviation of the campaign's position, metres; 0 where table ``georeference`` is empty."""
+        if not len(self.georeference):
+            return 0.0
+        return max(float(self.georeference.column(f"sigma_{axis}_m").to_pylist()[0]) for axis in SITE_AXES)
 
     @property
     def control(self) -> str:
@@ -83,7 +95,7 @@ class PictureSettings:
     thumbnail_px: int = 200
     overlay_width_px: int = 1600
     card_observations: int = 49
-    report_cards: int = 8
+    report_cards: int = 100
     report_observations: int = 7
     report_overlays: int = 2
 

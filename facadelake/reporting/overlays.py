@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facadelake.building.surface import MISS, Surface
-from facadelake.core.arrays import BoolArray, Float32Array, Int64Array, UInt8Image
+from facadelake.core.arrays import BoolArray, Float32Array, Float64Array, Int64Array, UInt8Image
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import track
 from facadelake.reporting.cards.observations import read_outline
-from facadelake.reporting.drawing.legend_strip import LegendEntry, add_legend, write_text
+from facadelake.reporting.drawing.labels import place_labels
+from facadelake.reporting.drawing.legend_strip import LegendEntry, add_legend, measure_text, write_text
 from facadelake.reporting.drawing.palette import OTHER_COLOUR, OUTCOME_COLOURS, bgr_from_hex, get_outcome_colour
-from facadelake.reporting.drawing.photograph import decode_image, read_photograph
+from facadelake.reporting.drawing.photograph import decode_image, name_photograph_files, read_photograph
 from facadelake.reporting.elevations.marks import DefectMark, create_marks
 from facadelake.reporting.elevations.relief import find_edges, find_openings, has_model_edges
 from facadelake.reporting.elevations.visibility import check_visibility, project_points
@@ -31,6 +32,7 @@ log = logging.getLogger(__name__)
 _EDGE_BGR = (255, 255, 0)
 _DEFECT_BGR = (255, 255, 255)
 _NOT_ACCEPTED = "not accepted"
+_LABEL_SIZE = 0.36
 _COARSE_PX = 4  # spacing of the coarse search; edges closer to one another may be missed
 _THICK_LINE_PX = 20  # smaller boxes are drawn with thin lines
 # Without chroma subsampling, so that lines of one pixel keep their colour.
@@ -42,7 +44,7 @@ _JPEG = [
 def draw_overlays(
     inspection: Inspection,
     surface: Surface,
-    photo_ids: Iterable[str],
+    photo_ids: Collection[str],
     folder: Path,
     settings: PictureSettings | None = None,
 ) -> dict[str, Path]:
@@ -70,9 +72,10 @@ def draw_overlays(
     for row in inspection.detections.to_pylist():
         boxes.setdefault(row["photo_id"], []).append(row)
     paths: dict[str, Path] = {}
+    names = name_photograph_files([*inspection.photos.column("photo_id").to_pylist(), *photo_ids])
     for photo_id in track(list(photo_ids), label="Drawing overlays"):
         posed = inspection.posed.get(photo_id)
-        path = folder / f"overlay_{photo_id.replace('/', '_').rsplit('.', 1)[0]}.jpg"
+        path = folder / f"overlay_{names[photo_id]}.jpg"
         try:
             picture, scale = _read_resized(inspection.locate_photograph(photo_id), posed, settings.overlay_width_px)
         except InputDataError as error:
@@ -191,13 +194,30 @@ def _draw_defects(
     visibility = check_visibility(
         posed, surface, centres, normals, tolerance_m=2 * settings.visibility_tolerance_m, max_incidence_deg=85
     )
+    labels: list[str] = []
+    boxes: list[Float64Array] = []
     for row in np.flatnonzero(visibility.visible).tolist():
         xy, inside = project_points(posed, marks[row].corners_site_m)
         if inside.all():
             rings = np.split(xy, np.cumsum([len(ring) for ring in marks[row].outlines_site_m])[:-1])
             rings_px = [np.round(ring * scale).astype(np.int32) for ring in rings]
             cv2.polylines(picture, rings_px, True, _DEFECT_BGR, 1, cv2.LINE_AA)
-            write_text(picture, marks[row].label, xy.min(axis=0) * scale - (0, 5), _DEFECT_BGR, 0.36)
+            labels.append(marks[row].label)
+            boxes.append(np.concatenate([xy.min(axis=0), xy.max(axis=0)]) * scale)
+    _write_labels(picture, labels, np.array(boxes).reshape(-1, 4))
+
+
+def _write_labels(picture: UInt8Image, labels: Sequence[str], boxes: Float64Array) -> None:
+    """Write the labels of defects beside their boxes (n, 4), pixels, without overlaps; a line leads to a far one."""
+    sizes = np.array([measure_text(label, _LABEL_SIZE) for label in labels], dtype=np.float64).reshape(-1, 2)
+    bounds = np.array([0.0, 0.0, picture.shape[1], picture.shape[0]])
+    centres = place_labels(boxes, sizes, bounds)
+    for label, box, size, centre in zip(labels, boxes, sizes, centres, strict=True):
+        nearest = np.clip(centre, box[:2], box[2:])
+        if (np.abs(nearest - centre) > size).any():
+            start, end = (np.round(point).astype(int).tolist() for point in (nearest, centre))
+            cv2.line(picture, start, end, _DEFECT_BGR, 1, cv2.LINE_AA)
+        write_text(picture, label, centre, _DEFECT_BGR, _LABEL_SIZE)
 
 
 def _draw_boxes(

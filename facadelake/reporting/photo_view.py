@@ -26,7 +26,7 @@ from facadelake.core.pose_table import read_posed_cameras
 from facadelake.core.progress import report_progress
 from facadelake.registry import Building
 from facadelake.reporting.drawing.palette import OTHER_COLOUR, escape_mathtext
-from facadelake.reporting.drawing.photograph import read_photograph
+from facadelake.reporting.drawing.photograph import name_photograph_files, read_photograph
 from schemas.vocabulary import PoseSource
 
 _PANEL_IN = 8.0
@@ -206,7 +206,8 @@ def view_photograph(
         images = render_view_images(posed, surface, model.elements, scale)
         virtual = render_virtual_photograph(model, posed, scale=scale).colour
     photograph = _read_resized(building.locate_photographs(campaign) / photo_id, posed, images.depth_m.shape)
-    path = output or Path(f"view_{Path(photo_id).with_suffix('').as_posix().replace('/', '_')}.png")
+    names = name_photograph_files(row["photo_id"] for row in tables["poses"].to_pylist())
+    path = output or Path(f"view_{names[photo_id]}.png")
     figure = draw_view_sheet(
         ViewPanels(photograph=photograph, virtual=virtual, images=images),
         title=f"{building.name}, {campaign}: {photo_id}",

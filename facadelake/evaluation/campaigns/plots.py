@@ -47,7 +47,7 @@ def write_plots(compared: TruthComparison, folder: Path, title: str) -> list[Pat
         figure = Figure(dpi=_DPI, facecolor="white", layout="constrained")
         FigureCanvasAgg(figure)
         if draw(figure, compared):
-            figure.suptitle(f"{title}: {_TITLES[name]}", fontsize=11, ha="left", x=0.01)
+            figure.suptitle(f"{title}: {_TITLES[name]}", fontsize=11, ha="left", x=0.01, parse_math=False)
             path = folder / f"{name}.png"
             figure.savefig(path)
             written.append(path)

@@ -43,7 +43,7 @@ def write_plots(evaluation: BoxEvaluation, folder: Path) -> list[Path]:
         if draw(figure, evaluation):
             data = figures.data.name or (figures.negatives.name if figures.negatives else "")
             subject = f"{figures.detector.name} on {data}"
-            figure.suptitle(f"{subject}: {title}", fontsize=10, ha="left", x=0.01)
+            figure.suptitle(f"{subject}: {title}", fontsize=10, ha="left", x=0.01, parse_math=False)
             path = folder / f"{name}.png"
             figure.savefig(path)
             written.append(path)
@@ -158,7 +158,7 @@ def _plot_false_alarms(figure: Figure, evaluation: BoxEvaluation) -> bool:
     axes.set_ylim(bottom=0)
     gsd = "" if alarms.gsd_mm is None else f" at {alarms.gsd_mm:.1f} mm/px"
     area = f"{alarms.rates[0].area_m2:.0f} m² of facade{gsd}" if known else f"{alarms.rates[0].photographs} photographs"
-    axes.set_title(f"{alarms.name}: {area}", fontsize=9)
+    axes.set_title(f"{alarms.name}: {area}", fontsize=9, parse_math=False)
     label = "false alarms per 10 m² (dotted: the goal)" if known else "false alarms per photograph"
     format_axes(axes, "threshold of the score (grey: that of the detector)", label)
     return True

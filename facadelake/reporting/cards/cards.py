@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 from facadelake.building.surface import Surface
 from facadelake.core.arrays import UInt8Array, UInt8Image
 from facadelake.core.errors import InputDataError
-from facadelake.core.progress import track
+from facadelake.core.progress import report_progress
 from facadelake.reporting.cards.crops import crop_detection, format_file_label
 from facadelake.reporting.cards.facts import Row, group_merges, list_card_facts
 from facadelake.reporting.cards.figure import BEST_PX, DPI, TILE_PX, CardContents, ObservationTile, draw_card
@@ -48,11 +49,24 @@ class _PendingCard:
     row: Row
     observations: Sequence[DefectObservation]
     left_out: int
-    best: DefectObservation | None
+    views: list[DefectObservation]
     unread_photos: set[str]
+    unreadable: list[str] = field(default_factory=list)
     tiles: dict[str, UInt8Array] = field(default_factory=dict)
     best_tile: UInt8Array | None = None
     patch: PatchView | None = None
+
+    @property
+    def best(self) -> DefectObservation | None:
+        """The best of its observations whose photographs were not found to be unreadable."""
+        return self.views[0] if self.views else None
+
+    def leave_out(self, photo_id: str) -> str | None:
+        """Leave out an unreadable photograph; returns the photograph that is the best one in its place, if it is."""
+        was_best = self.best is not None and self.best.photo_id == photo_id
+        self.views = [view for view in self.views if view.photo_id != photo_id]
+        self.unreadable.append(photo_id)
+        return self.best.photo_id if was_best and self.best is not None else None
 
 
 def draw_cards(
@@ -78,7 +92,7 @@ def draw_cards(
     """
     folder.mkdir(parents=True, exist_ok=True)
     pending = _prepare_cards(inspection, frozenset(defect_ids), max_observations)
-    photo_ids = sorted({photo_id for card in pending for photo_id in card.unread_photos})
+    queue = deque(sorted({photo_id for card in pending for photo_id in card.unread_photos}))
     merges = group_merges(inspection.merges)
     storeys = find_storey_bases(inspection.building)
     paths: dict[str, Path] = {}
@@ -98,6 +112,7 @@ def draw_cards(
                 for item in card.observations
             ],
             left_out=card.left_out,
+            unreadable=card.unreadable,
             overview=overviews.get(card.mark.defect_id),
             storeys=storeys,
         )
@@ -107,21 +122,27 @@ def draw_cards(
     for card in pending:
         if not card.unread_photos:
             finish(card)
-    for photo_id in track(photo_ids, label="Drawing cards"):
-        cards = [card for card in pending if photo_id in card.unread_photos]
-        try:
-            pixels = read_photograph(inspection.locate_photograph(photo_id), inspection.posed[photo_id].camera)
-        except InputDataError as error:
-            log.warning("photograph not shown on cards: %s", error)
-            missing.append(photo_id)
-            pixels = None
-        for card in cards:
-            if pixels is not None:
-                _add_photograph(card, photo_id, pixels, inspection, surface)
-            card.unread_photos.remove(photo_id)
-            if not card.unread_photos:
-                finish(card)
-        pending = [card for card in pending if card.unread_photos]
+    with report_progress("Drawing cards", len(queue)) as step:
+        while queue:
+            photo_id = queue.popleft()
+            cards = [card for card in pending if photo_id in card.unread_photos]
+            try:
+                pixels = read_photograph(inspection.locate_photograph(photo_id), inspection.posed[photo_id].camera)
+            except InputDataError as error:
+                log.warning("photograph not shown on cards: %s", error)
+                missing.append(photo_id)
+                pixels = None
+            for card in cards:
+                card.unread_photos.remove(photo_id)
+                if pixels is not None:
+                    _add_photograph(card, photo_id, pixels, inspection, surface)
+                elif (next_best := card.leave_out(photo_id)) is not None and next_best not in card.unread_photos:
+                    card.unread_photos.add(next_best)  # it was read before, but as one of the other views
+                    queue.append(next_best)
+                if not card.unread_photos:
+                    finish(card)
+            pending = [card for card in pending if card.unread_photos]
+            step.advance(1)
     return CardFiles(paths=paths, missing=tuple(missing))
 
 
@@ -134,14 +155,13 @@ def _prepare_cards(inspection: Inspection, defect_ids: frozenset[str], max_obser
             continue
         localised = [item for item in observations[mark.defect_id] if item.photo_id in inspection.posed]
         selected = localised[:max_observations]
-        existing = [item for item in selected if inspection.locate_photograph(item.photo_id).is_file()]
         pending.append(
             _PendingCard(
                 mark=mark,
                 row=rows[mark.defect_id],
                 observations=selected,
                 left_out=len(localised) - len(selected),
-                best=existing[0] if existing else None,
+                views=localised,
                 unread_photos={item.photo_id for item in selected},
             )
         )

@@ -30,35 +30,43 @@ _WHITE_RIM_PX = 400  # smallest width of a crop whose outline gets a white rim
 def write_crops(inspection: Inspection, folder: Path, settings: PictureSettings | None = None) -> dict[str, Path]:
     """Write ``defect_<label>.jpg`` for each defect into ``folder``; returns the paths by defect_id.
 
-    The crop is square, ``thumbnail_px`` wide: the defect's box in its best photograph with a margin. A defect has no
-    crop where its best photograph is unreadable or has no box of it. Each photograph is read once.
+    The crop is square, ``thumbnail_px`` wide: the defect's box with a margin, in the best of its photographs that can
+    be read. A defect without such a photograph has no crop. Each photograph is read once or twice.
     """
     settings = settings or PictureSettings()
     folder.mkdir(parents=True, exist_ok=True)
-    rows = inspection.defects.select(["defect_id", "defect_class", "best_photo_id"]).to_pylist()
+    rows = inspection.defects.select(["defect_id", "defect_class"]).to_pylist()
     labels = label_ids([row["defect_id"] for row in rows])
     observations = group_observations(inspection)
-    by_photo: dict[str, list[tuple[Mapping[str, str], DefectObservation]]] = {}
-    for row in rows:
-        own = observations[row["defect_id"]]
-        if own and own[0].photo_id == row["best_photo_id"]:
-            by_photo.setdefault(own[0].photo_id, []).append((row, own[0]))
+    views = {
+        row["defect_id"]: [view for view in observations[row["defect_id"]] if view.photo_id in inspection.posed]
+        for row in rows
+    }
     paths: dict[str, Path] = {}
-    for photo_id, best_views in track(sorted(by_photo.items()), label="Cropping defects"):
-        if photo_id not in inspection.posed:
-            continue
-        try:
-            pixels = read_photograph(inspection.locate_photograph(photo_id), inspection.posed[photo_id].camera)
-        except InputDataError as error:
-            log.warning("crops not written: %s", error)
-            continue
-        for row, observation in best_views:
-            path = folder / f"defect_{format_file_label(labels[row['defect_id']])}.jpg"
-            crop = crop_detection(
-                pixels, observation.outline, settings.thumbnail_px, get_class_colour(row["defect_class"])
-            )
-            cv2.imwrite(str(path), crop, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-            paths[row["defect_id"]] = path
+    unreadable: set[str] = set()
+    pending = [row for row in rows if views[row["defect_id"]]]
+    while pending:
+        by_photo: dict[str, list[tuple[Mapping[str, str], DefectObservation]]] = {}
+        for row in pending:
+            view = next((view for view in views[row["defect_id"]] if view.photo_id not in unreadable), None)
+            if view is not None:
+                by_photo.setdefault(view.photo_id, []).append((row, view))
+        pending = []
+        for photo_id, best_views in track(sorted(by_photo.items()), label="Cropping defects"):
+            try:
+                pixels = read_photograph(inspection.locate_photograph(photo_id), inspection.posed[photo_id].camera)
+            except InputDataError as error:
+                log.warning("crops are from the next best photographs: %s", error)
+                unreadable.add(photo_id)
+                pending += [row for row, _ in best_views]
+                continue
+            for row, observation in best_views:
+                path = folder / f"defect_{format_file_label(labels[row['defect_id']])}.jpg"
+                crop = crop_detection(
+                    pixels, observation.outline, settings.thumbnail_px, get_class_colour(row["defect_class"])
+                )
+                cv2.imwrite(str(path), crop, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+                paths[row["defect_id"]] = path
     return paths
 
 

@@ -53,6 +53,11 @@ def format_crack_width(row: Row) -> str | None:
     return None if outcome != CrackWidthOutcome.BELOW_LIMIT or limit is None else f"< {limit:.1f} mm"
 
 
+def format_geo_position(row: Row) -> str:
+    """Longitude and latitude in degrees, and ellipsoidal height in metres, in the order of EPSG:4979 in all tables."""
+    return f"{row['lon_deg']:.8f}, {row['lat_deg']:.8f}, {row['height_ellipsoidal_m']:.3f}"
+
+
 def group_merges(merges: pa.Table) -> dict[str, list[Row]]:
     """Rows of table ``merges`` by the defects that they name."""
     groups: dict[str, list[Row]] = {}
@@ -86,14 +91,15 @@ def _list_position_facts(row: Row, inspection: Inspection) -> list[CardFact]:
     building = inspection.building
     facts = [
         ("site E, N, U (m)", site),
-        ("EPSG:4979", f"{row['lon_deg']:.8f}, {row['lat_deg']:.8f}, {row['height_ellipsoidal_m']:.3f} m"),
+        ("lon, lat, height", f"{format_geo_position(row)} m (EPSG:4979)"),
         (building.map_crs, f"{row['east_map_m']:.3f}, {row['north_map_m']:.3f}, {row['height_map_m']:.3f} m"),
     ]
     if row["facade_azimuth_deg"] is not None:
         u_m, v_m, _ = facade_from_site(np.array([row[axis] for axis in _SITE])[None], row["facade_azimuth_deg"])[0]
         facts.append(("facade u, v (m)", f"{u_m:.3f}, {v_m:.3f}"))
     if None not in sigmas:
-        facts.append(("std. deviation", f"{', '.join(f'{1000 * sigma:.1f}' for sigma in sigmas)} mm (east, north, up)"))
+        text = ", ".join(f"{1000 * sigma:.1f} mm {axis}" for sigma, axis in zip(sigmas, SITE_AXES, strict=True))
+        facts.append(("one sigma", text))
     if row["position_method"] is not None:
         facts.append(
             (

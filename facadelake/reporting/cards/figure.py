@@ -46,7 +46,8 @@ class CardContents:
     """Contents of a card.
 
     ``best`` (RGB, ``BEST_PX`` wide) and ``patch`` are from ``best_photo_id``, the photograph with the best view of
-    those that exist; None where there is none. ``left_out``: number of observations that are not among ``tiles``.
+    those that can be read; None where there is none. ``unreadable``: photographs that cannot be read. ``left_out``:
+    number of observations that are not among ``tiles``.
     """
 
     mark: DefectMark
@@ -57,6 +58,7 @@ class CardContents:
     patch: PatchView | None
     tiles: Sequence[ObservationTile]
     left_out: int
+    unreadable: Sequence[str]
     overview: FacadeOverview | None
     storeys: Sequence[StoreyBase]
 
@@ -95,7 +97,15 @@ def _draw_picture(
     if picture is None:
         sheet.add_patch(Rectangle((left, top - side), side, side, facecolor="#ececec", edgecolor="#b0b0b0"))
         text = "\n".join(textwrap.wrap(placeholder, max(12, int(side * 9))))
-        sheet.text(left + side / 2, top - side / 2, text, ha="center", va="center", fontsize=8, color="#505050")
+        sheet.text(
+            left + side / 2,
+            top - side / 2,
+            escape_mathtext(text),
+            ha="center",
+            va="center",
+            fontsize=8,
+            color="#505050",
+        )
         return
     sheet.imshow(picture, extent=(left, left + side, top - side, top), interpolation="antialiased", aspect="auto")
 
@@ -111,9 +121,13 @@ def _write_heading(sheet: Axes, contents: CardContents, height: float) -> None:
 
 
 def _draw_best(sheet: Axes, contents: CardContents, left: float, top: float) -> None:
-    _draw_picture(sheet, contents.best, left, top, _BIG_IN, "no readable photograph")
+    names = ", ".join(contents.unreadable)
+    placeholder = f"no photograph can be read: {names}" if names else "no photograph with a pose"
+    _draw_picture(sheet, contents.best, left, top, _BIG_IN, placeholder)
     if contents.best is not None:
         note = f"photograph {contents.best_photo_id}"
+        if names:
+            note = f"{note}; cannot be read: {names}"
         sheet.text(
             left, top - _BIG_IN - 0.06, escape_mathtext(_cut_name(note, 62)), fontsize=8, va="top", color="#303030"
         )

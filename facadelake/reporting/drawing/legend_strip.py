@@ -50,22 +50,28 @@ def add_legend(picture: UInt8Image, title: str, entries: Sequence[LegendEntry]) 
     return np.vstack([strip, picture])
 
 
-def write_text(picture: UInt8Image, text: str, lower_left_px: Float64Array, colour: Bgr, size: float) -> None:
+def measure_text(text: str, size: float) -> tuple[int, int]:
+    """Width and height of a text with its darkened background, pixels; ``size``: scale of OpenCV's font."""
+    (width, height), below = cv2.getTextSize(_encode_ascii(text), _FONT, size, 1)
+    return width + 4, height + below + 4
+
+
+def write_text(picture: UInt8Image, text: str, centre_px: Float64Array, colour: Bgr, size: float) -> None:
     """Write a text on a darkened background into a picture.
 
     Args:
         picture: picture (h, w, 3), BGR; changed in place.
         text: text; characters outside ASCII become question marks.
-        lower_left_px: lower left corner (2,) of the text, pixels.
+        centre_px: centre (2,) of the text, pixels.
         colour: colour of the text, BGR.
         size: scale of OpenCV's font.
     """
-    corner = np.round(lower_left_px).astype(int).tolist()
-    (width, height), below = cv2.getTextSize(_encode_ascii(text), _FONT, size, 1)
-    left, top = max(0, corner[0] - 2), max(0, corner[1] - height - 2)
-    background = picture[top : max(0, corner[1] + below), left : max(0, corner[0] + width + 2)]
+    wide, high = measure_text(text, size)
+    left, top = np.round(centre_px - np.array([wide, high]) / 2).astype(int).tolist()
+    background = picture[max(0, top) : max(0, top + high), max(0, left) : max(0, left + wide)]
     background[:] = (0.3 * background).astype(np.uint8)
-    cv2.putText(picture, _encode_ascii(text), corner, _FONT, size, colour, 1, cv2.LINE_AA)
+    below = cv2.getTextSize(_encode_ascii(text), _FONT, size, 1)[1]
+    cv2.putText(picture, _encode_ascii(text), (left + 2, top + high - below - 2), _FONT, size, colour, 1, cv2.LINE_AA)
 
 
 def _encode_ascii(text: str) -> str:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 
 import cv2
@@ -25,6 +28,19 @@ def choose_reduction(pixel_m: float, cell_m: float) -> int:
     ``pixel_m``: size of a full-resolution pixel on the surface; ``cell_m``: size of a cell; both in metres.
     """
     return max(n for n in _REDUCTION_FLAGS if n == 1 or n * pixel_m <= cell_m)
+
+
+def name_photograph_files(photo_ids: Iterable[str]) -> dict[str, str]:
+    """A file name without suffix for each photograph, by photo_id, unique also where upper and lower case are one.
+
+    It is the photo_id with "_" for "/" and without suffix; where several would be the same, a hash of each is added.
+    """
+    names = {photo_id: photo_id.replace("/", "_").rsplit(".", 1)[0] for photo_id in photo_ids}
+    counts = Counter(name.lower() for name in names.values())
+    return {
+        photo_id: name if counts[name.lower()] == 1 else f"{name}_{hashlib.sha256(photo_id.encode()).hexdigest()[:8]}"
+        for photo_id, name in names.items()
+    }
 
 
 def decode_image(path: Path, flags: int) -> UInt8Array:

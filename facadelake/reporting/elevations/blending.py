@@ -2,7 +2,8 @@
 
 The candidates of a cell are the photographs in which it is visible, those with the smallest pixel on the surface
 first. A candidate whose colour differs from the median of the candidates is down-weighted: an object in front of the
-wall that the model lacks, such as a vehicle or a tree, appears at another part of the wall in each photograph.
+wall that the model lacks, such as a vehicle or a tree, appears at another part of the wall in each photograph. Where
+the as-built surface shows the object, the photographs in which it hides the cell are no candidates.
 """
 
 from __future__ import annotations
@@ -15,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facadelake.building.surface import MISS, Surface
-from facadelake.core.arrays import Float32Array, Float64Nx2, Float64Nx3, RowIndices, UInt8Array
+from facadelake.core.arrays import BoolArray, Float32Array, Float64Nx2, Float64Nx3, RowIndices, UInt8Array
 from facadelake.core.camera import PosedCamera
+from facadelake.reporting.elevations.obstructions import Obstructions
 from facadelake.reporting.elevations.relief import FacadeRelief
 from facadelake.reporting.elevations.visibility import check_visibility, project_points
 from facadelake.reporting.inspection import PictureSettings
@@ -28,6 +30,8 @@ _MIN_FADE = 0.02
 _MAX_GAIN = 1.35
 _TOLERATED_LEVELS = 10.0  # grey levels: usual difference between photographs of a wall
 _OUTLIER_LEVELS = 14.0  # grey levels beyond the tolerance that double a candidate's score
+_CONTRADICTION_LEVELS = 40.0  # grey levels beyond which two photographs show different things
+_LINE_CELLS = 4  # narrower parts, in coarse cells, are lines
 _OUTLIER_WINDOW_CELLS = 7  # coarse cells over which the difference is averaged
 
 Sampler = Callable[[str, Float64Nx2], Float32Array]
@@ -56,7 +60,9 @@ class ColourCandidates:
     ``names``: photo_ids. ``shape``: rows and columns of the coarse grid; ``cell`` (n,): flat indices in it.
     ``xyz_site_m``: surface points. ``photo`` (k, n): indices in ``names``, -1: none. ``score`` (k, n): size of a pixel
     on the surface in metres with penalties, inf: none. ``fade`` (k, n): falls to 0 towards the photograph's border.
-    ``pixel_m``: small pixel on the surface (5th percentile) by photo_id, metres.
+    ``shown`` (n,): number of photographs that show the cell; ``obstructed`` (n,): number of those in which an object in
+    front of the model hides it, which are no candidates. ``pixel_m``: small pixel on the surface (5th percentile) by
+    photo_id, metres.
     """
 
     names: tuple[str, ...]
@@ -66,6 +72,8 @@ class ColourCandidates:
     photo: NDArray[np.int32]
     score: Float32Array
     fade: Float32Array
+    shown: NDArray[np.int32]
+    obstructed: NDArray[np.int32]
     pixel_m: Mapping[str, float]
 
     def select_photo(self, index: int) -> tuple[RowIndices, RowIndices]:
@@ -75,7 +83,11 @@ class ColourCandidates:
 
 
 def find_candidates(
-    relief: FacadeRelief, surface: Surface, posed: Mapping[str, PosedCamera], settings: PictureSettings
+    relief: FacadeRelief,
+    surface: Surface,
+    posed: Mapping[str, PosedCamera],
+    settings: PictureSettings,
+    obstructions: Obstructions | None = None,
 ) -> ColourCandidates:
     """The best photographs of each coarse cell.
 
@@ -84,6 +96,7 @@ def find_candidates(
         surface: surface of the model, which may hide a cell.
         posed: cameras with poses, by photo_id.
         settings: step of the coarse grid, tolerance of visibility, largest incidence.
+        obstructions: what hides the model; None: unknown.
     """
     step = settings.visibility_step
     centres = [np.minimum(np.arange(0, size, step) + step // 2, size - 1) for size in relief.shape]
@@ -95,6 +108,7 @@ def find_candidates(
     photo = np.full((_MAX_CANDIDATES, len(met)), -1, dtype=np.int32)
     score, fade = np.full(photo.shape, np.inf, dtype=np.float32), np.zeros(photo.shape, dtype=np.float32)
     pixel_m: dict[str, float] = {}
+    shown, obstructed = np.zeros(len(met), dtype=np.int32), np.zeros(len(met), dtype=np.int32)
     for index, (name, camera) in enumerate(posed.items()):
         visibility = check_visibility(
             camera, surface, xyz, normal,
@@ -104,6 +118,11 @@ def find_candidates(
         size_px = min(camera.camera.width_px, camera.camera.height_px)
         reach = 4.0 * step * relief.cell_m / visibility.pixel_m / size_px
         cells = np.flatnonzero(visibility.visible & (visibility.inset > reach))
+        if obstructions is not None and len(cells):
+            hidden = obstructions.find_hidden_points(camera.centre_site_m, xyz[cells])
+            obstructed[cells[hidden]] += 1
+            cells = cells[~hidden]
+        shown[cells] += 1
         if len(cells) == 0:
             continue
         pixel_m[name] = float(np.quantile(visibility.pixel_m[cells], 0.05))
@@ -120,20 +139,24 @@ def find_candidates(
             values[:, cells] = np.take_along_axis(values[:, cells], order, axis=0)
     return ColourCandidates(
         names=tuple(posed), shape=rows.shape, cell=met, xyz_site_m=xyz, photo=photo, score=score, fade=fade,
-        pixel_m=pixel_m,
+        shown=shown, obstructed=obstructed, pixel_m=pixel_m,
     )  # fmt: skip
 
 
 def assign_blend_weights(
     candidates: ColourCandidates, posed: Mapping[str, PosedCamera], sample: Sampler, feather_cells: float
-) -> dict[str, BlendWeight]:
-    """Blend weights of the photographs by photo_id; photographs without weight are absent.
+) -> tuple[dict[str, BlendWeight], BoolArray]:
+    """Blend weights of the photographs, and the coarse cells whose photographs contradict one another.
 
     Args:
         candidates: photographs of each coarse cell.
         posed: cameras with poses, by photo_id.
         sample: returns colours (m, 3) of a photograph, given its photo_id, at pixels (m, 2); NaN where unreadable.
         feather_cells: width of the transition between two photographs, in coarse cells.
+
+    Returns:
+        Blend weights by photo_id; photographs without weight are absent. Mask (rows, columns) of the cells where not
+        more than half of the candidates have the colour that is drawn.
     """
     colour = np.full((*candidates.photo.shape, 3), np.nan, dtype=np.float32)
     indices = [int(i) for i in np.unique(candidates.photo) if i >= 0]
@@ -168,7 +191,22 @@ def assign_blend_weights(
                 gain=gain[index],
                 pixel_m=candidates.pixel_m[candidates.names[index]],
             )
-    return weights
+    return weights, _find_contradictions(candidates, colour, best)
+
+
+def _find_contradictions(candidates: ColourCandidates, colour: Float32Array, best: RowIndices) -> BoolArray:
+    """Mask of the coarse cells where at most half of the candidates have the colour of the best one.
+
+    Lines are left out: at edges, photographs differ by the errors of their poses.
+    """
+    drawn = np.take_along_axis(colour, best[None, :, None], axis=0)[0]
+    with np.errstate(invalid="ignore"):
+        agreeing = (np.abs(colour - drawn).max(axis=-1) < _CONTRADICTION_LEVELS).sum(axis=0)
+    count = np.isfinite(colour[..., 0]).sum(axis=0)
+    mask = np.zeros(candidates.shape, dtype=np.uint8)
+    mask.ravel()[candidates.cell] = (count >= 2) & (2 * agreeing <= count)
+    window = np.ones((_LINE_CELLS, _LINE_CELLS), dtype=np.uint8)
+    return np.asarray(cv2.morphologyEx(mask, cv2.MORPH_OPEN, window), dtype=bool)
 
 
 def _compute_feathered_weight(

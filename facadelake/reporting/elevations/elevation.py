@@ -17,6 +17,7 @@ from facadelake.core.errors import InputDataError
 from facadelake.reporting.elevations.facades import Facade, find_facades
 from facadelake.reporting.elevations.figure import DPI, ElevationLabels, draw_elevation
 from facadelake.reporting.elevations.marks import DefectMark, assign_marks, create_marks, find_visible_marks
+from facadelake.reporting.elevations.obstructions import HiddenRegion, Obstructions, find_hidden_regions
 from facadelake.reporting.elevations.overview import FacadeOverview, create_overview, render_model_overview
 from facadelake.reporting.elevations.rectification import RectifiedElevation, rectify_elevations
 from facadelake.reporting.elevations.relief import (
@@ -31,17 +32,27 @@ from facadelake.reporting.inspection import Inspection, PictureSettings
 log = logging.getLogger(__name__)
 
 _THUMBNAIL_WIDTH_PX = 1200
+_HATCH_M = 0.25
+_HATCH_RGB = (176, 0, 32)
 _MAX_BRIGHTENING = 1.8  # largest factor by which a dark facade is brightened
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Elevation:
-    """A drawn elevation; ``covered_share`` is the share of the facade's surface that is visible in photographs."""
+    """A drawn elevation.
+
+    ``covered_share``: share of the facade's surface that photographs show. ``hidden_share``: share in their view that
+    something hides; ``hidden_regions``: its larger parts. ``obstructions_known``: an as-built surface showed what
+    stands in front of the walls; else only contradictions of photographs did.
+    """
 
     path: Path
     facade: Facade
     marks: tuple[DefectMark, ...]
     covered_share: float
+    hidden_share: float
+    hidden_regions: tuple[HiddenRegion, ...]
+    obstructions_known: bool
     overview: FacadeOverview
 
 
@@ -85,17 +96,23 @@ def draw_elevations(
     )
     reliefs = [render_relief(facade, surface, choose_cell_size_m(facade, settings)) for facade in facades]
     photographs = {photo_id: inspection.locate_photograph(photo_id) for photo_id in inspection.posed}
+    obstructions = None
+    if inspection.as_built is not None:
+        obstructions = Obstructions(inspection.as_built, surface, inspection.placement_sigma_m)
     elevations = []
     for rectified, own in zip(
-        rectify_elevations(reliefs, surface, inspection.posed, photographs, settings), assigned, strict=True
+        rectify_elevations(reliefs, surface, inspection.posed, photographs, settings, obstructions),
+        assigned,
+        strict=True,
     ):
         facade = rectified.relief.facade
         path = folder / f"elevation_{facade.name}.png"
         background = render_background(rectified, building)
         met = rectified.relief.element >= 0
-        covered = float((rectified.covered & met).sum() / max(int(met.sum()), 1))
+        covered = float((rectified.covered & ~rectified.hidden & met).sum() / max(int(met.sum()), 1))
+        hidden = float((rectified.hidden & met).sum() / max(int(met.sum()), 1))
         others = find_visible_marks(rectified.relief, marks, own)
-        sheet = draw_elevation(labels, rectified, background, own, others, covered)
+        sheet = draw_elevation(labels, rectified, background, own, others, covered, hidden)
         sheet.savefig(path, dpi=DPI, pil_kwargs={"compress_level": 4})
         elevations.append(
             Elevation(
@@ -103,6 +120,9 @@ def draw_elevations(
                 facade=facade,
                 marks=tuple(own),
                 covered_share=covered,
+                hidden_share=hidden,
+                hidden_regions=tuple(find_hidden_regions(rectified.relief, rectified.hidden)),
+                obstructions_known=obstructions is not None,
                 overview=create_overview(facade, background, rectified.relief.cell_m),
             )
         )
@@ -132,7 +152,7 @@ def _write_thumbnail(source: Path, path: Path) -> None:
 
 
 def render_background(rectified: RectifiedElevation, building: BuildingModel) -> UInt8Image:
-    """Background of an elevation (rows, columns, RGB): photographs, the shaded model elsewhere, the model's edges.
+    """Background of an elevation (rows, columns, RGB): photographs, the shaded model elsewhere, edges, hatching.
 
     Dark photographs are brightened by one factor for the whole elevation.
     """
@@ -146,7 +166,18 @@ def render_background(rectified: RectifiedElevation, building: BuildingModel) ->
     edges_on_photo, edges_on_model = edges & covered, edges & ~covered
     picture[edges_on_photo] = (0.45 * picture[edges_on_photo]).astype(np.uint8)
     picture[edges_on_model] = 110
+    _draw_hatch(picture, rectified)
     return picture
+
+
+def _draw_hatch(picture: UInt8Image, rectified: RectifiedElevation) -> None:
+    """Hatch the hidden cells: what they show may be the object that hides the wall."""
+    rows, columns = np.indices(rectified.relief.shape)
+    spacing = max(2, round(_HATCH_M / rectified.relief.cell_m))
+    phase = (rows + columns) % spacing
+    width = max(1, spacing // 5)
+    picture[rectified.hidden & (phase < width)] = _HATCH_RGB
+    picture[rectified.hidden & (phase >= spacing // 2) & (phase < spacing // 2 + width)] = 255
 
 
 def map_defects_to_elevations(elevations: Sequence[Elevation]) -> dict[str, FacadeOverview]:

@@ -42,7 +42,7 @@ class ElevationLabels:
 
 def draw_elevation(
     labels: ElevationLabels, rectified: RectifiedElevation, background: UInt8Image, marks: Sequence[DefectMark],
-    others: Sequence[DefectMark], covered: float,
+    others: Sequence[DefectMark], covered: float, hidden: float,
 ) -> Figure:  # fmt: skip
     """Draw the sheet of one elevation.
 
@@ -52,7 +52,8 @@ def draw_elevation(
         background: picture (rows, columns, RGB) of the elevation, one pixel per cell.
         marks: defects of the facade.
         others: defects of other facades that are visible in the elevation.
-        covered: share of the surface that is visible in photographs.
+        covered: share of the surface that photographs show.
+        hidden: share in the view of photographs that something hides; it is hatched.
     """
     facade, (rows, columns) = rectified.relief.facade, rectified.relief.shape
     scale = min(_MAX_WIDTH_PX / columns, _MAX_HEIGHT_PX / rows, max(1.0, _MIN_HEIGHT_PX / rows))
@@ -88,7 +89,7 @@ def draw_elevation(
     _draw_defects(axes, facade, marks, others, px_per_m=scale / rectified.relief.cell_m)
     _draw_deviations(figure, axes, facade, [*marks, *others], total_in, bars_in)
     _draw_scale_bar(figure, axes, right_m - left_m, total_in, bars_in)
-    _write_title(figure, labels, facade, marks, len(others), covered, rectified.relief.cell_m, total_in)
+    _write_title(figure, labels, facade, marks, len(others), (covered, hidden), rectified.relief.cell_m, total_in)
     return figure
 
 
@@ -101,8 +102,8 @@ def _draw_storey_lines(axes: Axes, labels: ElevationLabels) -> None:
             axes.axhline(level, color="white", linewidth=1.6, alpha=0.7)
             axes.axhline(level, color="#202020", linewidth=0.7, dashes=(8, 4))
             axes.annotate(
-                f"{storey.name}\n{level:+.2f} m", (right, level), xytext=(5, 0), textcoords="offset points",
-                fontsize=7.5, va="bottom", annotation_clip=False,
+                f"{escape_mathtext(storey.name)}\n{level:+.2f} m", (right, level), xytext=(5, 0),
+                textcoords="offset points", fontsize=7.5, va="bottom", annotation_clip=False,
             )  # fmt: skip
 
 
@@ -201,18 +202,24 @@ def _write_title(
     facade: Facade,
     marks: Sequence[DefectMark],
     others: int,
-    covered: float,
+    shares: tuple[float, float],
     cell_m: float,
     total_in: tuple[float, float],
 ) -> None:
     left, height = 0.2 / total_in[0], total_in[1]
+    covered, hidden = shares
+    seen = f"photographs cover {100 * covered:.0f} %"
+    if hidden >= 0.001:
+        seen += f", {100 * hidden:.1f} % hidden (hatched)"
     title = f"{escape_mathtext(labels.building_name)} — {facade.title} (azimuth {facade.azimuth_deg:.0f}°)"
     figure.text(left, 1 - 0.18 / height, title, fontsize=12, weight="bold", va="top")
     count = "no defects" if not marks else f"{len(marks)} defect{'s' if len(marks) != 1 else ''}"
     subtitle = figure.text(
         left, 1 - 0.47 / height,
-        f"campaign {escape_mathtext(labels.campaign_id)} · georeferenced by {labels.control} · {count} · "
-        f"resolution {1000 * cell_m:.0f} mm · photographs cover {100 * covered:.0f} %",
+        escape_mathtext(
+            f"campaign {labels.campaign_id} · georeferenced by {labels.control} · {count} · "
+            f"resolution {1000 * cell_m:.0f} mm · {seen}"
+        ),
         fontsize=8.5, va="top", color="#303030",
     )  # fmt: skip
     available_px = figure.bbox.width * (1 - 2 * left)

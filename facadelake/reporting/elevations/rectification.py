@@ -19,7 +19,13 @@ from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
 from facadelake.core.progress import track
 from facadelake.reporting.drawing.photograph import choose_reduction, read_photograph
-from facadelake.reporting.elevations.blending import BlendWeight, assign_blend_weights, find_candidates
+from facadelake.reporting.elevations.blending import (
+    BlendWeight,
+    ColourCandidates,
+    assign_blend_weights,
+    find_candidates,
+)
+from facadelake.reporting.elevations.obstructions import Obstructions
 from facadelake.reporting.elevations.relief import FacadeRelief
 from facadelake.reporting.elevations.visibility import project_points
 from facadelake.reporting.inspection import PictureSettings
@@ -35,18 +41,24 @@ _REMAP_WIDTH = 4096  # points are arranged in rows, because cv2.remap is limited
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RectifiedElevation:
-    """An elevation's picture (rows, columns, RGB); ``covered`` (rows, columns): cells visible in a photograph."""
+    """An elevation's picture (rows, columns, RGB).
+
+    ``covered`` (rows, columns): cells that have colours of photographs. ``hidden`` (rows, columns): cells that are in
+    the view of photographs, but where an object in front of the wall hides them, or photographs contradict one another;
+    their colours, where they have any, may be those of the object.
+    """
 
     relief: FacadeRelief
     picture: UInt8Image
     covered: BoolArray
+    hidden: BoolArray
 
 
 class _ElevationMosaic:
     """Weighted mean of photographs on one elevation, accumulated photograph by photograph."""
 
-    def __init__(self, relief: FacadeRelief, weights: Mapping[str, BlendWeight], step: int) -> None:
-        self.relief, self.weights, self._step = relief, weights, step
+    def __init__(self, relief: FacadeRelief, weights: Mapping[str, BlendWeight], hidden: BoolArray, step: int) -> None:
+        self.relief, self.weights, self._hidden, self._step = relief, weights, hidden, step
         self._sum = np.zeros((*relief.shape, 3), dtype=np.float32)
         self._weight = np.zeros(relief.shape, dtype=np.float32)
 
@@ -86,7 +98,7 @@ class _ElevationMosaic:
         covered = self._weight > _COVERED_WEIGHT
         self._sum /= np.maximum(self._weight, _COVERED_WEIGHT)[..., None]
         picture = np.clip(self._sum + 0.5, 0, 255).astype(np.uint8)
-        return RectifiedElevation(relief=self.relief, picture=picture, covered=covered)
+        return RectifiedElevation(relief=self.relief, picture=picture, covered=covered, hidden=self._hidden)
 
 
 def sample_bilinear(pixels: UInt8Image, xy: Float64Nx2) -> Float32Array:
@@ -113,6 +125,7 @@ def rectify_elevations(
     posed: Mapping[str, PosedCamera],
     photographs: Mapping[str, Path],
     settings: PictureSettings,
+    obstructions: Obstructions | None = None,
 ) -> list[RectifiedElevation]:
     """Colour each relief from the photographs; unreadable photographs are not used, with a warning.
 
@@ -122,6 +135,7 @@ def rectify_elevations(
         posed: cameras with poses, by photo_id.
         photographs: paths of the photographs by photo_id.
         settings: step of the coarse grid, tolerance of visibility, width of transitions.
+        obstructions: what hides the model; None: unknown.
 
     Returns:
         One picture for each relief.
@@ -139,10 +153,11 @@ def rectify_elevations(
 
     mosaics = []
     for relief in track(reliefs, label="Selecting photographs"):
-        candidates = find_candidates(relief, surface, readable, settings)
+        candidates = find_candidates(relief, surface, readable, settings, obstructions)
         feather = settings.feather_m / relief.cell_m / settings.visibility_step
-        weights = assign_blend_weights(candidates, readable, sample, feather)
-        mosaics.append(_ElevationMosaic(relief, weights, settings.visibility_step))
+        weights, contradictory = assign_blend_weights(candidates, readable, sample, feather)
+        hidden = _find_hidden_cells(relief, candidates, contradictory, settings.visibility_step)
+        mosaics.append(_ElevationMosaic(relief, weights, hidden, settings.visibility_step))
     used = [name for name in readable if any(name in mosaic.weights for mosaic in mosaics)]
     for name in track(used, label="Rectifying photographs"):
         targets = [(mosaic, mosaic.weights[name]) for mosaic in mosaics if name in mosaic.weights]
@@ -155,3 +170,25 @@ def rectify_elevations(
         for mosaic, blend in targets:
             mosaic.add(readable[name], pixels, reduction, blend)
     return [mosaic.compute_mean() for mosaic in mosaics]
+
+
+def _find_hidden_cells(
+    relief: FacadeRelief, candidates: ColourCandidates, contradictory: BoolArray, step: int
+) -> BoolArray:
+    """Mask (rows, columns) of the cells that something hides from the photographs.
+
+    An as-built surface ends short of the edges of an object. Therefore a cell counts as hidden where the photographs in
+    which the object hides it are as many as the others, which then may show the object's edge.
+
+    Args:
+        relief: surface of the elevation.
+        candidates: photographs of each coarse cell.
+        contradictory: mask of the coarse cells whose photographs contradict one another.
+        step: size of a coarse cell in cells.
+    """
+    coarse = contradictory.copy()
+    coarse.ravel()[candidates.cell] |= (candidates.obstructed > 0) & (2 * candidates.obstructed >= candidates.shown)
+    rows, columns = relief.shape
+    hidden: BoolArray = coarse.repeat(step, axis=0).repeat(step, axis=1)[:rows, :columns]
+    hidden &= relief.element != MISS
+    return hidden

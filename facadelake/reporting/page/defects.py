@@ -10,7 +10,7 @@ from typing import Any
 import pyarrow as pa
 
 from facadelake.core.errors import InputDataError
-from facadelake.reporting.cards.facts import format_crack_width
+from facadelake.reporting.cards.facts import format_crack_width, format_geo_position
 from facadelake.reporting.distribution import Distribution
 from facadelake.reporting.drawing.labels import label_ids
 from facadelake.reporting.drawing.palette import get_class_colour
@@ -108,7 +108,7 @@ def list_defects(
     rows = sort_by_severity(inspection.defects)
     rules = ", ".join(sorted({row["severity_rule"] for row in rows}))
     on_elevations = {mark.defect_id for elevation in elevations for mark in elevation.marks}
-    missing = sum(row["defect_id"] not in on_elevations for row in rows)
+    missing = [labels[row["defect_id"]] for row in rows if row["defect_id"] not in on_elevations]
     notes = []
     if rows:
         note = f"Sorted by severity, then by area. Detected by {inspection.detectors}. "
@@ -125,13 +125,19 @@ def list_defects(
         )
     if missing:
         notes.append(
-            render_paragraph(f"Defects that are not on an elevation above (soffits, small facades): {missing}.")
+            render_paragraph(
+                f"Not on an elevation above (soffits, horizontal surfaces, walls hidden in the view): {len(missing)} "
+                f"defect{'' if len(missing) == 1 else 's'}, number {', '.join(missing)}."
+            )
         )
-    if cards:
-        command = "facadelake pictures BUILDING CAMPAIGN --all"
-        subject = "One defect has a card" if len(cards) == 1 else f"The first {len(cards)} defects have cards"
-        note = f"{subject} with all data on one sheet; '{command}' draws the cards of all defects."
+    if 0 < len(cards) < len(rows):
+        note = (
+            f"Only the first {len(cards)} of {len(rows)} defects have a card with all data on one sheet, to limit the "
+            "time of a report; 'facadelake pictures BUILDING CAMPAIGN --all' draws the cards of all defects."
+        )
         notes.append(render_paragraph(note))
+    elif cards:
+        notes.append(render_paragraph("Each defect has a card with all data on one sheet: see the links."))
     lines = [
         _format_defect(row, labels[row["defect_id"]], crops.get(row["defect_id"]), cards.get(row["defect_id"]), folder)
         for row in rows
@@ -147,7 +153,7 @@ def list_defects(
         "element",
         "visible in",
         "best photograph",
-        "latitude, longitude; height",
+        "longitude, latitude (deg), ellipsoidal height (m)",
     ]
     return [*notes, render_table(heads, lines, numeric=[0])]
 
@@ -157,7 +163,7 @@ def _format_defect(
 ) -> list[object]:
     alternative = html_from_value(f"{row['defect_class']} {label}")
     target = card if card is not None else crop
-    picture = Html('<span class="soft">no picture</span>')
+    picture = Html('<span class="soft">no picture: no photograph of it can be read</span>')
     if crop is not None and target is not None:
         picture = Html(
             f'<a href="{link_file(target, folder)}">'
@@ -178,7 +184,7 @@ def _format_defect(
         element,
         f"{row['photo_count']} photograph{'s' if row['photo_count'] != 1 else ''}",
         row["best_photo_id"],
-        f"{row['lat_deg']:.7f}, {row['lon_deg']:.7f}; {row['height_map_m']:.2f} m",
+        format_geo_position(row),
     ]
 
 

@@ -16,17 +16,18 @@ STYLE = """
   --bad: #ff9466; } }
 * { box-sizing: border-box; }
 body { margin: 0 auto; max-width: 1240px; padding: 1.2rem 1.4rem 3rem; background: var(--ground); color: var(--ink);
-  font: 15px/1.5 system-ui, "Segoe UI", "DejaVu Sans", Arial, sans-serif; }
+  font: 15px/1.5 system-ui, "Segoe UI", "DejaVu Sans", Arial, sans-serif; overflow-wrap: anywhere; }
 h1 { font-size: 1.7rem; margin: 0.4rem 0 0; } h2 { font-size: 1.2rem; margin: 2.2rem 0 0.6rem; }
 p.under { color: var(--soft); margin: 0.1rem 0 0; }
-nav { margin: 0.8rem 0; } nav a { margin-right: 1.1rem; } a { color: inherit; }
+nav { display: flex; flex-wrap: wrap; gap: 0.2rem 1.1rem; margin: 0.8rem 0; } a { color: inherit; }
 .tiles { display: flex; flex-wrap: wrap; gap: 0.7rem; margin: 1rem 0; }
 .tile { border: 1px solid var(--line); border-radius: 6px; padding: 0.5rem 0.9rem; min-width: 8.5rem;
   background: var(--band); }
 .tile b { display: block; font-size: 1.45rem; line-height: 1.25; font-variant-numeric: tabular-nums; }
 .tile span { color: var(--soft); font-size: 0.85rem; }
 .side { display: flex; flex-wrap: wrap; gap: 1rem 2.2rem; align-items: flex-start; }
-.scroll { overflow-x: auto; }
+.side > div { min-width: 0; max-width: 100%; }
+.scroll { overflow-x: auto; overflow-wrap: normal; }
 table { border-collapse: collapse; font-size: 0.9rem; margin: 0.3rem 0; }
 caption { text-align: left; font-weight: 600; padding: 0.2rem 0; }
 th, td { padding: 0.22rem 0.65rem; border-bottom: 1px solid var(--line); text-align: left; vertical-align: middle; }
@@ -41,12 +42,19 @@ img.crop { width: 110px; height: 110px; display: block; border-radius: 3px; }
 .good { color: var(--good); } .check { color: var(--check); font-weight: 600; }
 .bad { color: var(--bad); font-weight: 600; }
 .soft { color: var(--soft); }
-code { font-size: 0.9em; }
+code { font-size: 0.9em; } pre { white-space: pre-wrap; }
 @media print {
   :root { --ink: #000; --soft: #444; --ground: #fff; --line: #bbb; --band: #f2f2f2; --good: #00664a;
     --check: #8a5a00; --bad: #a32d00; }
-  body { max-width: none; padding: 0; font-size: 10.5pt; } nav { display: none; } h2 { break-after: avoid; }
-  figure, tr, .tile { break-inside: avoid; } .scroll { overflow: visible; } img.crop { width: 20mm; height: 20mm; } }
+  @page { size: A4; margin: 12mm 10mm; }
+  body { max-width: none; padding: 0; font-size: 8.5pt; line-height: 1.3; } nav { display: none; }
+  h2 { break-after: avoid; margin: 4mm 0 2mm; }
+  figure, tr, .tile { break-inside: avoid; } figure { margin: 1mm 0 3mm; }
+  figure img { max-height: 112mm; } .scroll { overflow: visible; } .side { gap: 2mm 6mm; }
+  th, td { padding: 0.4mm 1.2mm; } th { white-space: normal; } thead { display: table-header-group; }
+  img.crop { width: 12mm; height: 12mm; }
+  .tile { min-width: 0; padding: 1mm 2mm; } .tile b { font-size: 1.1rem; } }
+@media (max-width: 600px) { body { padding: 0.6rem 0.7rem 2rem; } }
 """
 
 

@@ -156,7 +156,26 @@ def _render_elevation(elevation: Elevation, folder: Path) -> Html:
     caption = (
         f"{name}, azimuth {elevation.facade.azimuth_deg:.0f}°, {elevation.facade.area_m2:.0f} m² of walls and "
         f"openings, {count} defect{'' if count == 1 else 's'}. Orthographic view from outside; rectified photographs "
-        f"cover {100 * elevation.covered_share:.0f} % of the surface, elsewhere the model is shown. Labels are the "
-        "numbers in the table of defects."
+        f"cover {100 * elevation.covered_share:.0f} % of the surface, elsewhere the model is shown. "
+        f"{_describe_hidden(elevation)} Labels are the numbers in the table of defects."
     )
     return render_figure(elevation.path, folder, f"elevation of the {name} with {count} defects", caption)
+
+
+def _describe_hidden(elevation: Elevation) -> str:
+    """What hides the facade from the photographs, which is not covered, and whether it could be known."""
+    if elevation.hidden_regions:
+        regions = "; ".join(
+            f"u {one.u_min_m:.1f} to {one.u_max_m:.1f} m, v {one.v_min_m:.1f} to {one.v_max_m:.1f} m "
+            f"({one.area_m2:.1f} m²)"
+            for one in elevation.hidden_regions
+        )
+        text = (
+            f"Hatched and not counted as covered, because an object in front of the wall hides it or photographs "
+            f"contradict one another: {regions}."
+        )
+    else:
+        text = "Nothing larger than 0.1 m² was found to hide it."
+    if not elevation.obstructions_known:
+        text += " There is no as-built surface here, so objects that all photographs show alike were not found."
+    return text

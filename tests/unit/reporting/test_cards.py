@@ -15,9 +15,9 @@ from facadelake.building.surface.raycasting import Surface
 from facadelake.core.frames import axes_from_normal
 from facadelake.core.tables import table_from_rows
 from facadelake.reporting.cards.cards import draw_cards
-from facadelake.reporting.cards.crops import crop_detection
+from facadelake.reporting.cards.crops import crop_detection, write_crops
 from facadelake.reporting.cards.facts import group_merges, list_card_facts
-from facadelake.reporting.cards.figure import choose_bar_length_m, format_bar_length
+from facadelake.reporting.cards.figure import CardContents, choose_bar_length_m, draw_card, format_bar_length
 from facadelake.reporting.cards.observations import group_observations, read_outline
 from facadelake.reporting.cards.patch_view import PatchView, rectify_patch
 from facadelake.reporting.drawing.palette import bgr_from_hex, get_class_colour
@@ -244,12 +244,34 @@ def test_cards_are_written_and_unreadable_photographs_are_listed(
     assert "a.png cannot be decoded" in caplog.text
 
 
+def test_the_next_best_photograph_replaces_an_unreadable_one(painted: PaintedWall, tmp_path: Path) -> None:
+    inspection = make_inspection_with_two_views(painted)
+    (tmp_path / "b.png").write_bytes((painted.root / "b.png").read_bytes())
+    (tmp_path / "a.png").write_bytes(b"no picture")
+    broken = replace(inspection, photographs_root=tmp_path)
+    assert set(write_crops(broken, tmp_path / "crops")) == {"D2"}  # D1 is in a.png alone
+    seen: dict[str, CardContents] = {}
+
+    def keep(contents: CardContents) -> Figure:
+        seen[contents.mark.defect_id] = contents
+        return draw_card(contents)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("facadelake.reporting.cards.cards.draw_card", keep)
+        draw_cards(broken, painted.surface, ["D1", "D2"], tmp_path / "cards", overviews={}, max_observations=1)
+    assert seen["D2"].best_photo_id == "b.png"
+    assert seen["D2"].best is not None
+    assert seen["D2"].patch is not None
+    assert seen["D1"].best is None
+    assert [seen[name].unreadable for name in ("D1", "D2")] == [["a.png"], ["a.png"]]  # named on the cards
+
+
 def test_facts_that_were_not_measured_are_omitted(painted: PaintedWall) -> None:
     inspection = make_inspection(painted, [make_defect_row("D1", 2.0, 1.0, score=0.537)], ["D1"])
     (row,) = inspection.defects.to_pylist()
     bare = dict(list_card_facts(row, inspection, []))
     assert bare["detected by"] == "coco:x, score 0.54"
-    assert not {"deviation", "merged", "not merged", "crack width", "std. deviation", "position method"} & set(bare)
+    assert not {"deviation", "merged", "not merged", "crack width", "one sigma", "position method"} & set(bare)
     assert "None" not in " ".join(bare.values())
     pairs = [
         {"detection_id": "a", "other_detection_id": "b", "defect_id": "D1", "other_defect_id": "D1",
@@ -272,7 +294,8 @@ def test_facts_that_were_not_measured_are_omitted(painted: PaintedWall) -> None:
     assert facts["not merged"] == "with D9, 20 cm away: looks different"
     assert facts["site E, N, U (m)"] == "2.000, 0.000, 1.000"
     assert facts["facade u, v (m)"] == "2.000, 1.000"  # on a south wall
-    assert facts["std. deviation"] == "10.0, 20.0, 30.0 mm (east, north, up)"
+    assert facts["one sigma"] == "10.0 mm east, 20.0 mm north, 30.0 mm up"
+    assert facts["lon, lat, height"] == "8.40000000, 48.90000000, 181.000 m (EPSG:4979)"
     assert facts["position method"] == "triangulated from its observations"
     assert facts["crack width"] == "0.40 mm"
     error = {"crack_width_mm": 2.34, "crack_width_sigma_mm": 0.42, "crack_width_max_mm": 4.06}

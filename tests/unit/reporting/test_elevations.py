@@ -14,6 +14,7 @@ from facadelake.core.tables import table_from_rows
 from facadelake.reporting.elevations.elevation import draw_elevations, render_background
 from facadelake.reporting.elevations.facades import Facade, find_facades
 from facadelake.reporting.elevations.marks import assign_marks, create_marks, find_visible_marks
+from facadelake.reporting.elevations.obstructions import Obstructions, find_hidden_regions
 from facadelake.reporting.elevations.rectification import RectifiedElevation, rectify_elevations
 from facadelake.reporting.elevations.relief import render_relief
 from facadelake.reporting.elevations.storeys import find_storey_bases
@@ -242,6 +243,68 @@ def test_an_object_in_front_of_the_wall_in_one_photograph_is_not_drawn(painted: 
 
     assert red_share(["0.png"]) > 0.05
     assert red_share(["0.png", "1.png", "2.png", "3.png"]) < 0.0005
+
+
+def test_what_hides_the_wall_is_not_covered_by_photographs(painted: PaintedWall, tmp_path: Path) -> None:
+    """A red container 1 m before the wall is in all photographs alike: only the as-built surface tells it."""
+    vertices, triangles = make_box(np.array([3.2, -1.1, 0.8]), np.array([4.8, -0.9, 1.9]))
+    container = Surface.from_mesh(vertices, triangles)
+    camera = painted.posed["a.png"].camera
+    posed = {f"{x}.png": point_camera(np.array([x, -6.0, 1.8]), np.array([4.0, 0.0, 1.8]), camera) for x in (3, 4, 5)}
+    for name, pose in posed.items():
+        shot = np.clip(render_photograph(pose, painted.paint) + 0.5, 0, 255).astype(np.uint8)
+        grid = np.stack(np.meshgrid(np.arange(camera.width_px) + 0.5, np.arange(camera.height_px) + 0.5), axis=-1)
+        hits = container.cast(*pose.rays_site_from_img(grid.reshape(-1, 2)))
+        shot[hits.hit.reshape(shot.shape[:2])] = (220, 20, 20)
+        cv2.imwrite(str(tmp_path / name), shot[..., ::-1])
+    as_built = Surface.from_mesh(
+        np.vstack([painted.building.vertices_site_m, vertices]), np.vstack([painted.building.triangles, triangles + 8])
+    )
+    relief = render_relief(find_front(painted), painted.surface, 0.02)
+    files = {name: tmp_path / name for name in posed}
+    known = Obstructions(as_built, painted.surface, 0.01)
+    result = rectify_elevations([relief], painted.surface, posed, files, SETTINGS, known)[0]
+    rows, columns = (index.ravel() for index in np.nonzero(relief.element >= 0))
+    xyz = relief.site_from_cells(rows, columns)
+    blocked = np.array(
+        [container.cast(np.broadcast_to(p.centre_site_m, xyz.shape), xyz - p.centre_site_m).hit for p in posed.values()]
+    )
+    behind, free = blocked.all(axis=0), ~blocked.any(axis=0)
+    hidden = result.hidden[rows, columns]
+    assert behind.sum() * 0.02**2 > 0.8  # m2
+    assert hidden[behind].mean() > 0.95
+    assert hidden[free].mean() < 0.03
+    red = (result.picture[..., 0] > 190) & (result.picture[..., 1] < 50)
+    assert (red & ~result.hidden & result.covered).sum() * 0.02**2 < 0.05  # m2
+    (region,) = find_hidden_regions(relief, result.hidden)
+    u, v = xyz[behind, 0], xyz[behind, 2]
+    assert region.u_min_m < u.min() + 0.1 < u.max() - 0.1 < region.u_max_m
+    assert region.v_min_m < v.min() + 0.1 < v.max() - 0.1 < region.v_max_m
+    blind = rectify_elevations([relief], painted.surface, posed, files, SETTINGS)[0]
+    assert blind.hidden[rows, columns][behind].mean() < 0.5  # without it, photographs that agree are believed
+
+
+def test_photographs_that_contradict_one_another_do_not_cover(painted: PaintedWall, tmp_path: Path) -> None:
+    """One of two photographs shows a red thing: which of them shows the wall is not known."""
+    camera = painted.posed["a.png"].camera
+    posed = {f"{x}.png": point_camera(np.array([x, -5.5, 1.8]), np.array([4.0, 0.0, 2.0]), camera) for x in (3.5, 4.5)}
+    for number, (name, pose) in enumerate(posed.items()):
+        shot = np.clip(render_photograph(pose, painted.paint) + 0.5, 0, 255).astype(np.uint8)
+        if number == 0:
+            shot[240:460, 380:620] = (220, 20, 20)
+        cv2.imwrite(str(tmp_path / name), shot[..., ::-1])
+    relief = render_relief(find_front(painted), painted.surface, 0.02)
+    files = {name: tmp_path / name for name in posed}
+    result = rectify_elevations([relief], painted.surface, posed, files, SETTINGS)[0]
+    (region,) = find_hidden_regions(relief, result.hidden)
+    assert 1.0 < region.area_m2 < 2.4  # 220 x 240 px of 6 mm are 1.9 m2
+    folder = tmp_path / "drawn"
+    folder.mkdir()
+    inspection = replace(make_inspection(painted, [], []), posed=posed, photographs_root=tmp_path)
+    (elevation,) = draw_elevations(inspection, painted.surface, folder, SETTINGS)
+    assert elevation.hidden_share > 0.02
+    assert elevation.covered_share + elevation.hidden_share < 1.0
+    assert not elevation.obstructions_known
 
 
 def test_a_mark_of_another_facade_is_shown_where_it_can_be_seen(painted: PaintedWall) -> None:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 
 from facadelake.reporting.drawing.labels import place_labels
+from facadelake.reporting.drawing.photograph import name_photograph_files
 
 
 def test_labels_of_a_crowd_do_not_overlap_and_stay_inside() -> None:
@@ -26,3 +27,11 @@ def test_a_lone_label_touches_its_box() -> None:
 
 def test_no_labels_are_placed_for_no_boxes() -> None:
     assert place_labels(np.zeros((0, 4)), np.zeros((0, 2)), np.array([0.0, 0, 1, 1])).shape == (0, 2)
+
+
+def test_photographs_of_equal_names_have_pictures_of_different_names() -> None:
+    ids = ["a/b_c.jpg", "a_b/c.jpg", "flight/IMG_1.jpg", "flight/img_1.JPG", "x/one.jpg", "x/one.png", "y/two.jpg"]
+    names = name_photograph_files(ids)
+    assert len({name.lower() for name in names.values()}) == len(ids)  # also where upper and lower case are one
+    assert names["y/two.jpg"] == "y_two"
+    assert names == name_photograph_files(reversed(ids))

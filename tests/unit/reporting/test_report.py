@@ -18,6 +18,7 @@ from facadelake.reporting.drawing.palette import bgr_from_hex, get_outcome_colou
 from facadelake.reporting.inspection import PictureSettings
 from facadelake.reporting.overlays import draw_overlays, select_overlay_photographs
 from facadelake.reporting.page.defects import sort_by_severity
+from facadelake.reporting.page.html import STYLE
 from facadelake.reporting.page.report import write_report
 from facadelake.severity.rule_packs import list_rule_packs
 from tests.unit.reporting.painted_wall import NASTY_NAME, PaintedWall, make_defect_row, make_inspection
@@ -83,7 +84,7 @@ def test_defects_are_sorted_by_severity_with_crops_and_cards(painted: PaintedWal
     assert "Detected by onnx:nano. Automatic detection misses defects" in page.text
     assert [link for link in page.links if "card_" in link] == ["cards/card_2.png"] * 2  # from its number and its crop
     assert [link for link in page.links if "overlay_" in link] == ["overlay_a.jpg"] * 2
-    assert "One defect has a card" in page.text
+    assert "Only the first 1 of 3 defects have a card" in page.text
     table = path.read_text(encoding="utf-8").split('id="defects"')[1].split("</section>")[0]
     assert re.findall(r'<b title="(D\d)">', table) == ["D2", "D3", "D1"]
     assert table.count('class="crop"') == 2
@@ -92,6 +93,23 @@ def test_defects_are_sorted_by_severity_with_crops_and_cards(painted: PaintedWal
     assert "severe wider than 15 mm (categories 4 and 5)" in rules  # the rules that were used are printed
     assert "Rule pack size-1 is not in data/severity/" in rules
     assert "Width measured of" in rules and "not measured of" in rules
+
+
+def test_a_report_fits_a_narrow_screen_and_has_cards_of_all_defects(painted: PaintedWall, tmp_path: Path) -> None:
+    """What a browser of 390 px showed 612 px wide: the contents, which could not wrap, and tables side by side."""
+    defects = [make_defect_row(f"D{n:02d}", 0.5 + 0.5 * n, 1.0) for n in range(9)]
+    path = write_report(make_inspection(painted, defects, ["D00"]), painted.surface, tmp_path, COARSE)
+    page = read(path)
+    assert len({link for link in page.links if "card_" in link}) == 9
+    assert "Each defect has a card" in page.text
+    assert "8.40000000, 48.90000000, 181.000" in page.text  # as on cards: longitude, latitude, ellipsoidal height
+    rules = dict(re.findall(r"(?m)^([a-z.][^{}@]*?) \{([^}]*)\}", STYLE))
+    assert "flex-wrap: wrap" in rules["nav"]
+    assert "min-width: 0" in rules[".side > div"]
+    assert "overflow-x: auto" in rules[".scroll"]
+    assert "pre { white-space: pre-wrap; }" in STYLE
+    outside = re.sub(r'(?s)<div class="scroll">.*?</div>', "", path.read_text("utf-8"))
+    assert "<table" not in outside  # a table scrolls in its own box
 
 
 @pytest.mark.parametrize("pack", list_rule_packs())
