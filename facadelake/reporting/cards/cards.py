@@ -61,7 +61,7 @@ class _PendingCard:
         """The best of its observations whose photographs were not found to be unreadable."""
         return self.views[0] if self.views else None
 
-    def leave_out(self, photo_id: str) -> str | None:
+    def exclude_photograph(self, photo_id: str) -> str | None:
         """Leave out an unreadable photograph; returns the photograph that is the best one in its place, if it is."""
         was_best = self.best is not None and self.best.photo_id == photo_id
         self.views = [view for view in self.views if view.photo_id != photo_id]
@@ -136,7 +136,9 @@ def draw_cards(
                 card.unread_photos.remove(photo_id)
                 if pixels is not None:
                     _add_photograph(card, photo_id, pixels, inspection, surface)
-                elif (next_best := card.leave_out(photo_id)) is not None and next_best not in card.unread_photos:
+                elif (
+                    next_best := card.exclude_photograph(photo_id)
+                ) is not None and next_best not in card.unread_photos:
                     card.unread_photos.add(next_best)  # it was read before, but as one of the other views
                     queue.append(next_best)
                 if not card.unread_photos:

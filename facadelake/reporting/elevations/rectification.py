@@ -188,6 +188,8 @@ def _find_hidden_cells(
     """
     coarse = contradictory.copy()
     coarse.ravel()[candidates.cell] |= (candidates.obstructed > 0) & (2 * candidates.obstructed >= candidates.shown)
+    # Colours are interpolated between coarse cells, so that those of the object reach one cell farther.
+    coarse = cv2.dilate(coarse.astype(np.uint8), np.ones((3, 3), dtype=np.uint8)).astype(bool)
     rows, columns = relief.shape
     hidden: BoolArray = coarse.repeat(step, axis=0).repeat(step, axis=1)[:rows, :columns]
     hidden &= relief.element != MISS

@@ -171,8 +171,8 @@ def _describe_hidden(elevation: Elevation) -> str:
             for one in elevation.hidden_regions
         )
         text = (
-            f"Hatched and not counted as covered, because an object in front of the wall hides it or photographs "
-            f"contradict one another: {regions}."
+            f"Hatched and not counted as covered ({100 * elevation.hidden_share:.1f} % of the surface), because an "
+            f"object in front of the wall hides it or photographs contradict one another: {regions}."
         )
     else:
         text = "Nothing larger than 0.1 m² was found to hide it."

@@ -297,7 +297,7 @@ def test_photographs_that_contradict_one_another_do_not_cover(painted: PaintedWa
     files = {name: tmp_path / name for name in posed}
     result = rectify_elevations([relief], painted.surface, posed, files, SETTINGS)[0]
     (region,) = find_hidden_regions(relief, result.hidden)
-    assert 1.0 < region.area_m2 < 2.4  # 220 x 240 px of 6 mm are 1.9 m2
+    assert 1.0 < region.area_m2 < 2.6  # 220 x 240 px of 6 mm are 1.9 m2
     folder = tmp_path / "drawn"
     folder.mkdir()
     inspection = replace(make_inspection(painted, [], []), posed=posed, photographs_root=tmp_path)
