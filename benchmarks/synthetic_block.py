@@ -115,7 +115,13 @@ def generate_flight(photographs: int, rng: np.random.Generator) -> Flight:
 
 
 def write_block(
-    path: Path, flight: Flight, pairs: list[tuple[int, int]], *, observations: int, rng: np.random.Generator
+    path: Path,
+    flight: Flight,
+    pairs: list[tuple[int, int]],
+    *,
+    observations: int,
+    rng: np.random.Generator,
+    zoom: Float64Array | None = None,
 ) -> dict[str, Float64Array]:
     """Write keypoints, matches and verified pairs of a flight to a COLMAP database.
 
@@ -125,11 +131,12 @@ def write_block(
         pairs: pairs of photographs to match, by number.
         observations: mean number of keypoints per photograph.
         rng: random generator.
+        zoom: factor (n,) on the focal length of each photograph, of which the database says nothing; None: 1.
 
     Returns:
         True centre (3,) of each photograph in metres, by its name.
     """
-    true_camera = pycolmap.Camera(model="OPENCV", width=WIDTH_PX, height=HEIGHT_PX, params=TRUE_PARAMS)
+    factors = np.ones(len(flight.centres_m)) if zoom is None else zoom
     seen_area = (WIDTH_PX / NOMINAL_FOCAL_PX * STAND_OFF_M) * (HEIGHT_PX / NOMINAL_FOCAL_PX * STAND_OFF_M)
     density = observations / DETECTED_SHARE / seen_area
     xyz, normal = flight.house.sample_points(int(density * flight.house.outline_m * flight.house.height_m), rng)
@@ -153,6 +160,8 @@ def write_block(
             in_view = (xyz_cam[:, 2] > 1) & (xyz_cam[:, 2] < 40) & (np.sum((centre - xyz) * normal, axis=1) > 1.0)
             in_view &= np.abs(xyz_cam[:, 0]) < xyz_cam[:, 2]
             rows = np.flatnonzero(in_view)
+            true_params = [TRUE_PARAMS[0] * factors[k], TRUE_PARAMS[1] * factors[k], *TRUE_PARAMS[2:]]
+            true_camera = pycolmap.Camera(model="OPENCV", width=WIDTH_PX, height=HEIGHT_PX, params=true_params)
             xy = np.asarray(true_camera.img_from_cam(xyz_cam[rows])) + rng.normal(0, KEYPOINT_NOISE_PX, (len(rows), 2))
             inside = (xy > 0).all(axis=1) & (xy[:, 0] < WIDTH_PX) & (xy[:, 1] < HEIGHT_PX)
             inside &= rng.random(len(rows)) < DETECTED_SHARE

@@ -194,7 +194,11 @@ def build_georeferenced_campaign(
         **_describe_gps(priors, adjusted),
         **_describe_model(control, placement, adjusted),
         "remarks": "; ".join(
-            [*disagreements, *_build_remarks(priors, placement, adjusted), *site_frame.list_model_remarks()]
+            [
+                *disagreements,
+                *_build_remarks(reconstruction, priors, placement, adjusted),
+                *site_frame.list_model_remarks(),
+            ]
         ),
     }
     return GeoreferencedCampaign(
@@ -312,8 +316,25 @@ def _describe_model(control: Control, placement: InitialPlacement, adjusted: Adj
     return columns
 
 
-def _build_remarks(priors: GpsPriors, placement: InitialPlacement, adjusted: AdjustedBlock) -> Sequence[str]:
-    remarks = list(placement.remarks)
+def describe_focal_deviations(reconstruction: Reconstruction) -> list[str]:
+    """The photographs with another focal length than the others by their camera."""
+    zoomed = [photo for photo in reconstruction.photos if photo.focal_factor != 1.0]
+    if not zoomed:
+        return []
+    named = ", ".join(
+        f"{photo.photo_id} {photo.focal_factor:.3f} (sigma {photo.focal_factor_sigma:.3f})" for photo in zoomed[:5]
+    )
+    more = f" and {len(zoomed) - 5} more" if len(zoomed) > 5 else ""
+    return [
+        f"{len(zoomed)} photographs have another focal length than the others by their camera (a zoom that the "
+        f"metadata do not state?), in multiples: {named}{more}; they have a camera of their own in the adjustment"
+    ]
+
+
+def _build_remarks(
+    reconstruction: Reconstruction, priors: GpsPriors, placement: InitialPlacement, adjusted: AdjustedBlock
+) -> Sequence[str]:
+    remarks = [*placement.remarks, *describe_focal_deviations(reconstruction)]
     if adjusted.fixed_parameters:
         remarks.append(
             "lens parameters fixed at their default (aspect 1, distortion 0), not significant: "

@@ -22,7 +22,9 @@ from schemas.vocabulary import PoseSource
 class LocalisedPhoto:
     """A photograph in the block; ``sfm_from_cam`` has scale 1 (the frame ``sfm`` has no metre).
 
-    ``source`` is SFM where mapping localised it, RESECTED where resection in the finished block did.
+    ``source`` is SFM where mapping localised it, RESECTED where resection in the finished block did. ``focal_factor``
+    is not 1 where its focal length is so many times that of the other photographs by its camera, with the factor's
+    sigma: a zoom that no metadata state. It has a camera of its own then.
     """
 
     photo_id: str
@@ -31,6 +33,8 @@ class LocalisedPhoto:
     reprojection_error_px: float
     tie_points: int
     source: PoseSource = PoseSource.SFM
+    focal_factor: float = 1.0
+    focal_factor_sigma: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,6 +93,8 @@ def _parse_localised_photo(
         reprojection_error_px=record["reprojection_error_px"],
         tie_points=record["tie_points"],
         source=PoseSource(record.get("source", PoseSource.SFM)),
+        focal_factor=record.get("focal_factor", 1.0),
+        focal_factor_sigma=record.get("focal_factor_sigma", 0.0),
     )
 
 

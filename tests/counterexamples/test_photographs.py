@@ -7,14 +7,19 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pytest
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
+from facadelake.core.camera import Camera
 from facadelake.core.errors import InputDataError
+from facadelake.core.frames import Similarity
 from facadelake.detection.coco.import_detections import import_coco
+from facadelake.georeferencing.georeferenced_campaign import describe_focal_deviations
 from facadelake.photos.ingest import ingest_photographs
+from facadelake.sfm.reconstruction import LocalisedPhoto, Reconstruction
 from facadelake.sfm.reconstruction_job import reconstruct
 from facadelake.sfm.settings import ReconstructionSettings
 from tests.unit.photos.small_photographs import photograph
@@ -316,3 +321,25 @@ def test_a_digital_zoom_that_may_be_in_the_focal_length_or_not(tmp_path: Path) -
         "digital zoom 2 (EXIF DigitalZoomRatio 2): unknown whether FocalLengthIn35mmFilm 26 mm includes it; "
         "the focal length is estimated"
     )
+
+
+def test_zoomed_photographs_that_no_metadata_tell_apart_are_named() -> None:
+    camera = Camera(width_px=4000, height_px=3000, fx_px=3000, fy_px=3000, cx_px=2000, cy_px=1500)
+    still = Similarity(rotation=np.eye(3), translation=np.zeros(3))
+    photos = tuple(
+        LocalisedPhoto(
+            photo_id=name, camera=camera, sfm_from_cam=still, reprojection_error_px=0.4, tie_points=500,
+            focal_factor=factor, focal_factor_sigma=0.001 if factor > 1 else 0.0,
+        )
+        for name, factor in (("a.jpg", 1.0), ("b.jpg", 1.3))
+    )  # fmt: skip
+    empty = np.zeros(0, dtype=np.int64)
+    block = Reconstruction(
+        photos=photos, unlocalised=(), xyz_sfm=np.zeros((0, 3)), rgb=np.zeros((0, 3), dtype=np.uint8),
+        image_point_photo=empty, image_point_tie_point=empty, image_point_xy_img=np.zeros((0, 2)),
+        mean_reprojection_error_px=0.4, costs=(),
+    )  # fmt: skip
+    assert describe_focal_deviations(block) == [
+        "1 photographs have another focal length than the others by their camera (a zoom that the metadata do not "
+        "state?), in multiples: b.jpg 1.300 (sigma 0.001); they have a camera of their own in the adjustment"
+    ]

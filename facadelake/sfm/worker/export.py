@@ -13,6 +13,7 @@ import pycolmap
 
 from facadelake.core.arrays import Int64Array, UInt8Array
 from facadelake.core.cache import DIAGNOSTICS
+from facadelake.sfm.worker.focal_deviations import FocalDeviation
 from facadelake.sfm.worker.report import ProgressReport
 from schemas.vocabulary import PoseSource
 
@@ -62,13 +63,15 @@ class MappingResult:
 
     ``block`` is the largest block, ``mapped`` those of its photographs that mapping localised (the others were
     resected), ``separate_blocks`` the blocks that could not be joined, ``resection_failures`` the reason why each
-    photograph outside the block could not be resected, by image id.
+    photograph outside the block could not be resected, by image id. ``focal_deviations`` are the photographs with
+    another focal length than their camera, by image id; they were resected with a camera of their own.
     """
 
     block: pycolmap.Reconstruction
     mapped: frozenset[int]
     separate_blocks: list[pycolmap.Reconstruction]
     resection_failures: dict[int, str]
+    focal_deviations: dict[int, FocalDeviation]
 
 
 def _explain_unlocalised(result: MappingResult, database: pycolmap.Database, image_id: int) -> str:
@@ -119,7 +122,7 @@ def export_reconstruction(
         folder: output folder.
         report: holds the cost of the steps, written to ``diagnostics/costs.json``.
     """
-    model = result.block
+    model, deviations = result.block, result.focal_deviations
     sparse = folder / "sparse"
     sparse.mkdir()
     model.write_binary(sparse)
@@ -158,6 +161,8 @@ def export_reconstruction(
                     "source": str(PoseSource.SFM if image_id in result.mapped else PoseSource.RESECTED),
                     "reprojection_error_px": float(error_px.mean()) if len(image_points) else 0.0,
                     "tie_points": len(image_points),
+                    "focal_factor": deviations[image_id].factor if image_id in deviations else 1.0,
+                    "focal_factor_sigma": deviations[image_id].sigma if image_id in deviations else 0.0,
                 }
             )
     np.savez(

@@ -9,6 +9,7 @@ import pycolmap
 
 from facadelake.sfm.worker.export import MappingResult, export_reconstruction
 from facadelake.sfm.worker.features import extract_features, match_pairs, open_database
+from facadelake.sfm.worker.focal_deviations import separate_focal_deviations
 from facadelake.sfm.worker.joining import join_blocks
 from facadelake.sfm.worker.mapping import adjust_block, map_photographs
 from facadelake.sfm.worker.report import ProgressReport
@@ -43,5 +44,12 @@ def run_job(job: dict[str, Any], folder: Path, report: ProgressReport) -> None:
     adjust_block(block, job, report)
     mapped = frozenset(block.reg_image_ids())
     failures = resect_remaining(block, job, database_path, report)
-    result = MappingResult(block=block, mapped=mapped, separate_blocks=separate, resection_failures=failures)
+    deviations = separate_focal_deviations(block, job, database_path, failures, report)
+    result = MappingResult(
+        block=block,
+        mapped=mapped - {deviation.image_id for deviation in deviations},
+        separate_blocks=separate,
+        resection_failures=failures,
+        focal_deviations={deviation.image_id: deviation for deviation in deviations},
+    )
     export_reconstruction(result, job, image_id_of, database_path, folder, report)

@@ -34,6 +34,15 @@ class Correspondences:
     xyz_sfm: Float64Nx3
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ResectionCamera:
+    """The camera to resect a photograph with, and whether its focal length is unknown."""
+
+    camera: pycolmap.Camera
+    focal_is_free: bool
+    in_block: bool = True
+
+
 def resect_remaining(
     model: pycolmap.Reconstruction, job: dict[str, Any], database_path: Path, report: ProgressReport
 ) -> dict[int, str]:
@@ -51,9 +60,9 @@ def resect_remaining(
     model.tear_down()  # removes photographs without a pose, and their frames
     with pycolmap.Database.open(database_path) as database:
         outside = {image.image_id for image in database.read_all_images()} - set(model.reg_image_ids())
-        matched = _find_matched_images(database, outside)
+        matched = find_matched_images(database, outside)
         correspondences = {
-            image_id: _collect_correspondences(model, database, image_id, matched[image_id]) for image_id in outside
+            image_id: collect_correspondences(model, database, image_id, matched[image_id]) for image_id in outside
         }
         failures: dict[int, str] = {}
         pending = set(outside)
@@ -61,18 +70,20 @@ def resect_remaining(
             while pending:
                 image_id = min(pending, key=lambda image_id: (-len(correspondences[image_id].keypoint), image_id))
                 pending.remove(image_id)
-                failures[image_id] = _resect_image(model, database, job, image_id, correspondences[image_id])
+                failures[image_id] = resect_image(
+                    model, database, job, image_id, correspondences[image_id], _choose_camera(model, database, image_id)
+                )
                 if not failures[image_id]:
                     del failures[image_id]
                     report.advance()
                     for other in sorted(failures.keys() | pending):
                         if image_id in matched[other]:
-                            correspondences[other] = _collect_correspondences(model, database, other, matched[other])
+                            correspondences[other] = collect_correspondences(model, database, other, matched[other])
                             pending.add(other)
     return failures
 
 
-def _find_matched_images(database: pycolmap.Database, outside: set[int]) -> dict[int, set[int]]:
+def find_matched_images(database: pycolmap.Database, outside: set[int]) -> dict[int, set[int]]:
     """The photographs that each photograph outside the block was matched with."""
     matched: dict[int, set[int]] = {image_id: set() for image_id in outside}
     for pair_id, count in zip(*database.read_num_matches(), strict=True):
@@ -83,7 +94,7 @@ def _find_matched_images(database: pycolmap.Database, outside: set[int]) -> dict
     return matched
 
 
-def _collect_correspondences(
+def collect_correspondences(
     model: pycolmap.Reconstruction, database: pycolmap.Database, image_id: int, matched: set[int]
 ) -> Correspondences:
     """Correspondences of a photograph from its matches, verified or not: the pose estimation rejects outliers."""
@@ -106,22 +117,39 @@ def _collect_correspondences(
 
 def _read_keypoints(database: pycolmap.Database, image_id: int) -> Float64Nx2:
     """Pixels (k, 2) of the keypoints of a photograph."""
-    xy: Float64Nx2 = np.asarray(database.read_keypoints(image_id), dtype=np.float64).reshape(-1, 6)[:, :2]
+    xy: Float64Nx2 = np.atleast_2d(np.asarray(database.read_keypoints(image_id), dtype=np.float64))[:, :2]
     return xy
 
 
-def _resect_image(
+def _choose_camera(model: pycolmap.Reconstruction, database: pycolmap.Database, image_id: int) -> ResectionCamera:
+    """The adjusted camera of a photograph where the block has it, else that of the metadata."""
+    camera_id = database.read_image(image_id).camera_id
+    in_block = any(model.images[other].camera_id == camera_id for other in model.reg_image_ids())
+    camera = model.cameras[camera_id] if in_block else database.read_camera(camera_id)
+    return ResectionCamera(
+        camera=camera, focal_is_free=not in_block and not camera.has_prior_focal_length, in_block=in_block
+    )
+
+
+def resect_image(
     model: pycolmap.Reconstruction,
     database: pycolmap.Database,
     job: dict[str, Any],
     image_id: int,
     correspondences: Correspondences,
+    chosen: ResectionCamera,
 ) -> str:
-    """Resect one photograph if its correspondences allow it; returns the reason of a failure, else an empty string."""
-    camera_id = database.read_image(image_id).camera_id
-    camera_in_block = any(model.images[other].camera_id == camera_id for other in model.reg_image_ids())
-    camera = model.cameras[camera_id] if camera_in_block else database.read_camera(camera_id)
-    free_focal = not camera_in_block and not camera.has_prior_focal_length
+    """Resect one photograph if its correspondences allow it; returns the reason of a failure, else an empty string.
+
+    Args:
+        model: the block; the photograph is added to it.
+        database: COLMAP's database of the job.
+        job: the job, with settings.
+        image_id: the photograph in the database.
+        correspondences: its correspondences with the block.
+        chosen: the camera, and whether its focal length is estimated.
+    """
+    camera, free_focal = chosen.camera, chosen.focal_is_free
     min_inliers = _MIN_INLIERS_UNKNOWN_FOCAL if free_focal else _MIN_INLIERS
     if len(correspondences.keypoint) < min_inliers:
         return f"{len(correspondences.keypoint)} of its features match points of the block; {min_inliers} are needed"
@@ -130,14 +158,14 @@ def _resect_image(
     estimation.ransac.max_error = _MAX_ERROR_PX * compute_tolerance_factor(job)
     estimation.ransac.random_seed = job["settings"]["seed"]
     refinement = pycolmap.AbsolutePoseRefinementOptions()
-    refinement.refine_focal_length = not camera_in_block
+    refinement.refine_focal_length = not chosen.in_block
     answer = pycolmap.estimate_and_refine_absolute_pose(
         correspondences.xy_img, correspondences.xyz_sfm, camera, estimation, refinement, return_covariance=True
     )
     if answer is None:
         return f"no pose fits its {len(correspondences.keypoint)} matches with the block"
     cam_from_sfm = answer["cam_from_world"]
-    inliers = _select_inliers(correspondences, camera, cam_from_sfm, estimation.ransac.max_error)
+    inliers = select_inliers(correspondences, camera, cam_from_sfm, estimation.ransac.max_error)
     if len(inliers) < min_inliers:
         total = len(correspondences.keypoint)
         return f"{len(inliers)} of its {total} matches with the block fit one pose; {min_inliers} are needed"
@@ -157,7 +185,7 @@ def _resect_image(
     return ""
 
 
-def _select_inliers(
+def select_inliers(
     correspondences: Correspondences, camera: pycolmap.Camera, cam_from_sfm: pycolmap.Rigid3d, max_error_px: float
 ) -> Int64Array:
     """Correspondences with a small reprojection error, best first; at most one for each keypoint and each point."""
@@ -189,10 +217,12 @@ def add_posed_image(
         camera: its camera, added where the block does not have it yet.
         cam_from_sfm: its pose.
     """
-    stored = database.read_image(image_id)
-    if stored.camera_id not in model.cameras:
+    if camera.camera_id not in model.cameras:
         model.add_camera_with_trivial_rig(camera)
     image = pycolmap.Image(
-        name=stored.name, keypoints=_read_keypoints(database, image_id), camera_id=stored.camera_id, image_id=image_id
+        name=database.read_image(image_id).name,
+        keypoints=_read_keypoints(database, image_id),
+        camera_id=camera.camera_id,
+        image_id=image_id,
     )
     model.add_image_with_trivial_frame(image, cam_from_sfm)

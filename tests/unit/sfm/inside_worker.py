@@ -10,10 +10,13 @@ import numpy as np
 import pycolmap
 import pytest
 
+from benchmarks.synthetic_block import HEIGHT_PX, WIDTH_PX, generate_flight, write_block
+from facadelake.core.frames import estimate_similarity
 from facadelake.sfm.worker.export import select_descriptors
 from facadelake.sfm.worker.features import limit_threads, open_database
+from facadelake.sfm.worker.focal_deviations import separate_focal_deviations
 from facadelake.sfm.worker.joining import join_blocks
-from facadelake.sfm.worker.mapping import compute_tolerance_factor, map_photographs
+from facadelake.sfm.worker.mapping import adjust_block, compute_tolerance_factor, map_photographs
 from facadelake.sfm.worker.report import ProgressReport
 from facadelake.sfm.worker.resection import resect_remaining
 from facadelake.sfm.worker.retrieval import pair_by_appearance, pair_transitively
@@ -169,6 +172,50 @@ def test_mapping_is_repeated_from_other_pairs_where_the_block_is_small(
     assert seeds == [1, 2]
     map_photographs(job, tmp_path / "a.db", silent())
     assert seeds == [1, 2, 3]  # the mock writes no models to resume from, so one more attempt is made
+
+
+def test_zoomed_photographs_that_no_metadata_tell_apart_have_a_camera_of_their_own(tmp_path: Path) -> None:
+    """48 photographs around a house at 9 m, six of them zoomed by 1.3: with one camera these lie 2 m from the truth,
+    with residuals below half a pixel."""
+    rng, count, zoomed = np.random.default_rng(1), 48, [10, 11, 12, 20, 21, 35]
+    flight = generate_flight(count, rng)
+    near = np.linalg.norm(flight.centres_m[:, None] - flight.centres_m[None], axis=2) < 10
+    alike = flight.directions @ flight.directions.T > 0.3
+    pairs = [(int(i), int(j)) for i, j in np.argwhere(np.triu(near & alike, 1))]
+    zoom = np.where(np.isin(np.arange(count), zoomed), 1.3, 1.0)
+    truth = write_block(tmp_path / "a.db", flight, pairs, observations=500, rng=rng, zoom=zoom)
+    job = job_of(count) | {
+        "cameras": [{"width_px": WIDTH_PX, "height_px": HEIGHT_PX, "focal_px": 2950.0, "focal_known": True}],
+        "photos": [{"photo_id": name, "camera": 0, "prior_m": None, "prior_sigma_m": None} for name in truth],
+        "photographs_root": str(tmp_path),
+        "settings": SETTINGS | {"max_image_px": 3200},
+        "cores": 2,
+    }
+    model = map_photographs(job, tmp_path / "a.db", silent())[0]
+    adjust_block(model, job, silent())
+    failures = resect_remaining(model, job, tmp_path / "a.db", silent())
+    assert measure_errors(model, truth, zoom)[zoomed].min() > 1.0  # m; nothing else shows it
+    assert model.compute_mean_reprojection_error() < 0.6
+    deviations = separate_focal_deviations(model, job, tmp_path / "a.db", failures, silent())
+    found = {deviation.image_id - 1: deviation for deviation in deviations}
+    assert set(found) == set(zoomed) - {image_id - 1 for image_id in failures}
+    for deviation in found.values():
+        assert abs(deviation.factor - 1.3) < 0.02 + 3 * deviation.sigma
+    errors_m = measure_errors(model, truth, zoom)
+    assert 1e-4 < np.nanmedian(errors_m[zoomed]) < 0.03
+    assert np.nanmax(errors_m) < 0.1
+    assert separate_focal_deviations(model, job, tmp_path / "a.db", failures, silent()) == []
+
+
+def measure_errors(model: pycolmap.Reconstruction, truth: dict[str, np.ndarray], zoom: np.ndarray) -> np.ndarray:
+    """Distances (n,) of the cameras from the truth, m, after a similarity by those without zoom; NaN outside."""
+    names = sorted(truth)
+    images = {model.images[image_id].name: model.images[image_id] for image_id in model.reg_image_ids()}
+    xyz = np.array([images[n].projection_center() if n in images else np.full(3, np.nan) for n in names])
+    true = np.array([truth[name] for name in names])
+    plain = (zoom == 1.0) & np.isfinite(xyz).all(axis=1)
+    distances: np.ndarray = np.linalg.norm(estimate_similarity(xyz[plain], true[plain]).apply(xyz) - true, axis=1)
+    return distances
 
 
 def test_photographs_of_one_place_are_paired_by_appearance(tmp_path: Path) -> None:
