@@ -316,25 +316,10 @@ def _describe_model(control: Control, placement: InitialPlacement, adjusted: Adj
     return columns
 
 
-def describe_focal_deviations(reconstruction: Reconstruction) -> list[str]:
-    """The photographs with another focal length than the others by their camera."""
-    zoomed = [photo for photo in reconstruction.photos if photo.focal_factor != 1.0]
-    if not zoomed:
-        return []
-    named = ", ".join(
-        f"{photo.photo_id} {photo.focal_factor:.3f} (sigma {photo.focal_factor_sigma:.3f})" for photo in zoomed[:5]
-    )
-    more = f" and {len(zoomed) - 5} more" if len(zoomed) > 5 else ""
-    return [
-        f"{len(zoomed)} photographs have another focal length than the others by their camera (a zoom that the "
-        f"metadata do not state?), in multiples: {named}{more}; they have a camera of their own in the adjustment"
-    ]
-
-
 def _build_remarks(
     reconstruction: Reconstruction, priors: GpsPriors, placement: InitialPlacement, adjusted: AdjustedBlock
 ) -> Sequence[str]:
-    remarks = [*placement.remarks, *describe_focal_deviations(reconstruction)]
+    remarks = [*placement.remarks, *reconstruction.list_focal_deviations()]
     if adjusted.fixed_parameters:
         remarks.append(
             "lens parameters fixed at their default (aspect 1, distortion 0), not significant: "

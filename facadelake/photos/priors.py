@@ -13,13 +13,13 @@ from facadelake.photos.clock import ClockReading, check_clocks, is_clock_set, se
 from facadelake.photos.drone_xmp import DroneMetadata
 from facadelake.photos.exif import ExifMetadata
 from facadelake.photos.flights import LONGEST_GAP_S, Exposure, assign_flights
-from facadelake.photos.focal_prior import FocalPrior, derive_calibrated_focal, derive_focal_prior
 from facadelake.photos.hemispheres import resolve_hemispheres
-from facadelake.photos.lens import NOTHING_SAID, LensMetadata
+from facadelake.photos.lenses.focal_prior import FocalPrior, derive_calibrated_focal, derive_focal_prior
+from facadelake.photos.lenses.lens import NOTHING_SAID, LensMetadata
+from facadelake.photos.lenses.zoom import ZoomReading, apply_zooms
 from facadelake.photos.plausibility import TimedPrior, check_priors
 from facadelake.photos.position_matching import compare_with_metadata
 from facadelake.photos.position_prior import PositionPrior, derive_position_prior
-from facadelake.photos.zoom import ZoomReading, apply_zooms
 from schemas.vocabulary import PositionSource
 
 

@@ -19,7 +19,7 @@ from facadelake.core.hashing import hash_file
 from facadelake.photos.drone_xmp import DroneMetadata, parse_drone_metadata
 from facadelake.photos.exif import ExifMetadata, read_exif
 from facadelake.photos.files import FORMATS_BY_SUFFIX, explain_unsupported
-from facadelake.photos.lens import NOTHING_SAID, LensMetadata, read_lens
+from facadelake.photos.lenses.lens import NOTHING_SAID, LensMetadata, read_lens
 from facadelake.photos.xmp import parse_packet
 
 # Each thread decodes one photograph at a time, so that memory is limited to WORKERS decoded photographs.

@@ -69,6 +69,20 @@ class Reconstruction:
         """Projection centres (n, 3) of ``photos``."""
         return np.array([photo.sfm_from_cam.translation for photo in self.photos]).reshape(-1, 3)
 
+    def list_focal_deviations(self) -> list[str]:
+        """A remark on the photographs with another focal length than the others by their camera, if there are any."""
+        zoomed = [photo for photo in self.photos if photo.focal_factor != 1.0]
+        if not zoomed:
+            return []
+        named = ", ".join(
+            f"{photo.photo_id} {photo.focal_factor:.3f} (sigma {photo.focal_factor_sigma:.3f})" for photo in zoomed[:5]
+        )
+        more = f" and {len(zoomed) - 5} more" if len(zoomed) > 5 else ""
+        return [
+            f"{len(zoomed)} photographs have another focal length than the others by their camera (a zoom that the "
+            f"metadata do not state?), in multiples: {named}{more}; they have a camera of their own in the adjustment"
+        ]
+
 
 def _parse_localised_photo(
     record: dict[str, Any], parameters: Float64N, rotation: Float64x3x3, translation: Float64x3

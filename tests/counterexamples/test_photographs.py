@@ -17,7 +17,6 @@ from facadelake.core.camera import Camera
 from facadelake.core.errors import InputDataError
 from facadelake.core.frames import Similarity
 from facadelake.detection.coco.import_detections import import_coco
-from facadelake.georeferencing.georeferenced_campaign import describe_focal_deviations
 from facadelake.photos.ingest import ingest_photographs
 from facadelake.sfm.reconstruction import LocalisedPhoto, Reconstruction
 from facadelake.sfm.reconstruction_job import reconstruct
@@ -339,7 +338,7 @@ def test_zoomed_photographs_that_no_metadata_tell_apart_are_named() -> None:
         image_point_photo=empty, image_point_tie_point=empty, image_point_xy_img=np.zeros((0, 2)),
         mean_reprojection_error_px=0.4, costs=(),
     )  # fmt: skip
-    assert describe_focal_deviations(block) == [
+    assert block.list_focal_deviations() == [
         "1 photographs have another focal length than the others by their camera (a zoom that the metadata do not "
         "state?), in multiples: b.jpg 1.300 (sigma 0.001); they have a camera of their own in the adjustment"
     ]

@@ -8,7 +8,7 @@ import pytest
 from facadelake.photos.attitude_prior import derive_attitude_prior
 from facadelake.photos.drone_xmp import DewarpCalibration, DroneMetadata
 from facadelake.photos.exif import ExifMetadata
-from facadelake.photos.focal_prior import derive_focal_prior
+from facadelake.photos.lenses.focal_prior import derive_focal_prior
 
 NOTHING = ExifMetadata()
 GIMBAL = DroneMetadata(maker="DJI", yaw_deg=10.0, pitch_deg=-20.0, roll_deg=0.0, attitude_tags="Gimbal*Degree")

@@ -13,7 +13,7 @@ from PIL.TiffImagePlugin import IFDRational
 
 from facadelake.photos.exif import ExifMetadata
 from facadelake.photos.ingest import ingest_photographs
-from facadelake.photos.lens import LensMetadata, read_lens
+from facadelake.photos.lenses.lens import LensMetadata, read_lens
 from facadelake.photos.picture_kinds import find_kept_out
 from facadelake.photos.priors import PhotoMetadata
 from facadelake.photos.xmp import parse_packet

@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from facadelake.photos.focal_prior import FocalPrior
-from facadelake.photos.zoom import ZoomReading, apply_zooms
+from facadelake.photos.lenses.focal_prior import FocalPrior
+from facadelake.photos.lenses.zoom import ZoomReading, apply_zooms
 
 SIZE = (4000, 3000)  # diagonal 5000 px; 24 mm are 2773 px
 PX_24MM = 24 * 5000 / math.hypot(36, 24)

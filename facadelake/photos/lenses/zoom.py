@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from facadelake.photos.exif import FULL_FRAME_DIAGONAL_MM
-from facadelake.photos.focal_prior import MAX_LOG_RATIO, SHARE_35MM, SHARE_DESIGNED, FocalPrior
+from facadelake.photos.lenses.focal_prior import MAX_LOG_RATIO, SHARE_35MM, SHARE_DESIGNED, FocalPrior
 
 # Two statements of one zoom are equal within the rounding of the 35 mm equivalent and of the factor.
 _SAME_SHARE = 0.06

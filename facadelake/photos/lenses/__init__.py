@@ -1,0 +1,1 @@
+"""Lenses of photographs: which one, its focal length, its zoom."""
