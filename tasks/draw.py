@@ -37,6 +37,7 @@ def draw(job: InspectionJob, results: StageResults, checks: StageResult) -> Stag
             poses=tables["poses"],
             georeference=tables["georeference"],
             georeference_points=tables["georeference_points"],
+            placement_checks=tables["placement_checks"],
             detections=tables["detections"],
             observations=tables["observations"],
             defects=tables["defects"],

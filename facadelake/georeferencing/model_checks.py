@@ -153,7 +153,7 @@ def check_tie_points(
         deviation=float(lengths[worst]),
         sigma=float(limits[worst] / LIMIT_SIGMAS),
         limit=float(limits[worst]),
-        detail=f"{now}; {found.matched_shifted} would, if the campaign were shifted by east {shift[0]:+.1f} m, north "
+        detail=f"{now}, {found.matched_shifted} would, if the campaign were shifted by east {shift[0]:+.1f} m, north "
         f"{shift[1]:+.1f} m, height {shift[2]:+.1f} m (limits: {limits[0]:.1f} m horizontally, {limits[1]:.1f} m in "
         "height)",
         shift_site_m=shift,

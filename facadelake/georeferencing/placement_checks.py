@@ -119,7 +119,7 @@ def check_gps(
                 sigma=float(sigma[axes].max()),
                 limit=limit,
                 detail=f"GPS of {count} photographs (flight {number + 1}) deviates from the placed cameras by {stated} "
-                f"(median; sigma {sigma[axes].max():.2f} m, limit {limit:.2f} m)",
+                f"(median, sigma {sigma[axes].max():.2f} m, limit {limit:.2f} m)",
                 shift_site_m=np.where(np.isin(np.arange(3), axes), offset, 0.0),
             )
         )
@@ -144,7 +144,7 @@ def check_surveyed_points(residual_m: Float64N, placement_sigma_m: Float64x3, su
         sigma=sigma,
         limit=limit,
         detail=f"{len(residual_m)} surveyed points held out of the placement deviate by {deviation:.3f} m "
-        f"(median; sigma {sigma:.3f} m, limit {limit:.3f} m)",
+        f"(median, sigma {sigma:.3f} m, limit {limit:.3f} m)",
     )
 
 

@@ -34,6 +34,7 @@ class Inspection:
     poses: pa.Table
     georeference: pa.Table
     georeference_points: pa.Table
+    placement_checks: pa.Table
     detections: pa.Table
     observations: pa.Table
     defects: pa.Table

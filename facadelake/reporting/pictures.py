@@ -194,8 +194,8 @@ def _match_name(name: str, kind: str, names: Sequence[str], short_names: Mapping
 
 
 _TABLES = (
-    "photos", "poses", "georeference", "georeference_points", "detections", "observations", "defects", "merges",
-    "integrity_views", "checks",
+    "photos", "poses", "georeference", "georeference_points", "placement_checks", "detections", "observations",
+    "defects", "merges", "integrity_views", "checks",
 )  # fmt: skip
 
 

@@ -63,7 +63,7 @@ def test_control_points_one_metre_off_are_contradicted_by_the_tie_points_alone()
     with pytest.raises(GeoreferenceError) as raised:
         SCENE.georeference(ControlKind.GCP, control_points=move(SCENE.build_control(), 1.0, 0.8), model=build_model())
     message = str(raised.value)
-    assert "tie points lie within 0.5 m of the faces of the model that are seen behind them; " in message
+    assert "tie points lie within 0.5 m of the faces of the model that are seen behind them, " in message
     assert "It agrees with: GPS of 24 photographs" in message
 
 
@@ -79,7 +79,7 @@ def test_rtk_positions_that_contradict_control_points_without_a_model() -> None:
         photos = photos.set_column(field, photos.schema.field(name), [column])
     with pytest.raises(GeoreferenceError) as raised:
         SCENE.georeference(ControlKind.GCP, control_points=SCENE.build_control(), photos=photos)
-    assert "m in height (median; sigma 0.0" in str(raised.value)
+    assert "m in height (median, sigma 0.0" in str(raised.value)
     found = SCENE.georeference(
         ControlKind.GCP, control_points=SCENE.build_control(), photos=photos, model=build_model()
     )

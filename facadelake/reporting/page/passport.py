@@ -9,9 +9,14 @@ from facadelake.reporting.inspection import Inspection
 from facadelake.reporting.page.html import Html, html_from_value, render_figure, render_paragraph, render_table
 from facadelake.reporting.passport.facts import FactStatus, list_passport_facts, summarise_passport
 from facadelake.reporting.passport.figure import draw_passport
-from schemas.vocabulary import PointKind
+from schemas.vocabulary import PlacementCheckOutcome, PointKind
 
 _STYLES = {FactStatus.GOOD: "good", FactStatus.CHECK: "check", FactStatus.POOR: "bad", FactStatus.NONE: "soft"}
+_OUTCOMES = {
+    PlacementCheckOutcome.AGREES: "good",
+    PlacementCheckOutcome.DISAGREES: "bad",
+    PlacementCheckOutcome.NOT_COMPARABLE: "soft",
+}
 _CAPTION = (
     "Plan view and view from the south: cameras with 95 % confidence ellipses, surveyed points with arrows from the "
     "surveyed to the adjusted position, and GPS positions of the photographs. Right: facts and residuals."
@@ -32,6 +37,7 @@ def render_passport(inspection: Inspection, folder: Path) -> list[Html]:
             draw_passport(inspection, folder / "passport.png"), folder, "the passport of the campaign", _CAPTION
         ),
         render_table(["quantity", "value", "meaning", "limit", "assessment"], lines),
+        _list_placement_checks(inspection),
         _list_surveyed_points(inspection),
     ]
     remarks = [remark for remark in row["remarks"].split("; ") if remark]
@@ -44,6 +50,26 @@ def render_passport(inspection: Inspection, folder: Path) -> list[Html]:
 
 def _render_status(status: FactStatus) -> Html:
     return Html(f'<span class="{_STYLES[status]}">{status or "not assessed"}</span>')
+
+
+def _list_placement_checks(inspection: Inspection) -> Html:
+    """Table of the statements that the placement was compared with, disagreements first."""
+    rows = inspection.placement_checks.to_pylist()
+    rows.sort(key=lambda row: row["placement_check_outcome"] != PlacementCheckOutcome.DISAGREES)
+    lines = [
+        [
+            row["statement"].replace("_", " "),
+            _render_outcome(row["placement_check_outcome"]),
+            row["detail"],
+        ]
+        for row in rows
+    ]
+    return render_table(["statement", "outcome", "comparison"], lines, caption="Placement checks: independent evidence")
+
+
+def _render_outcome(outcome: str) -> Html:
+    style = _OUTCOMES[PlacementCheckOutcome(outcome)]
+    return Html(f'<span class="{style}">{outcome.replace("_", " ")}</span>')
 
 
 def _list_surveyed_points(inspection: Inspection) -> Html:

@@ -200,6 +200,12 @@ def make_inspection(painted: PaintedWall, defects: list[dict[str, object]], obse
         {"table_name": "defects", "expectation": "between", "column_name": "width_m", "passed": False, "unexpected": 2,
          "detail": NASTY_NAME},
     ]  # fmt: skip
+    statements = [
+        {"statement": "gps_height", "placement_check_outcome": "disagrees", "deviation": 0.4, "deviation_sigma": 0.05,
+         "deviation_limit": 0.175, "deviation_unit": "m", "detail": f"GPS deviates by +0.40 m; {NASTY_NAME}"},
+        {"statement": "tie_points", "placement_check_outcome": "agrees", "deviation": 0.0, "deviation_limit": 0.5,
+         "deviation_unit": "m", "detail": "810 of 1000 tie points lie on the model"},
+    ]  # fmt: skip
     empty: pa.Table = get_stage_schema("integrity_views").empty_table()
     return Inspection(
         building_name=NASTY_NAME,
@@ -211,6 +217,7 @@ def make_inspection(painted: PaintedWall, defects: list[dict[str, object]], obse
         poses=table_from_rows("poses", poses),
         georeference=table_from_rows("georeference", [georeference]),
         georeference_points=table_from_rows("georeference_points", points),
+        placement_checks=table_from_rows("placement_checks", statements),
         detections=table_from_rows("detections", detections),
         observations=table_from_rows("observations", observations),
         defects=table_from_rows("defects", defects),

@@ -190,6 +190,7 @@ def test_a_passport_without_points_or_cameras_is_drawn(painted: PaintedWall, tmp
     inspection = replace(
         make_inspection(painted, [], []),
         georeference_points=get_stage_schema("georeference_points").empty_table(),
+        placement_checks=get_stage_schema("placement_checks").empty_table(),
         poses=get_stage_schema("poses").empty_table(),
     )
     picture = cv2.imread(str(draw_passport(inspection, tmp_path / "passport.png")))

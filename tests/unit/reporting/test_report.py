@@ -130,6 +130,13 @@ def test_a_campaign_without_defects_has_a_report(painted: PaintedWall, tmp_path:
     assert (tmp_path / "distribution.png").stat().st_size > 2000
 
 
+def test_the_passport_lists_disagreements_before_agreements(painted: PaintedWall, tmp_path: Path) -> None:
+    inspection = make_inspection(painted, [], [])
+    text = read(write_report(inspection, painted.surface, tmp_path, COARSE)).text
+    assert "Placement checks" in text
+    assert text.index("GPS deviates by +0.40 m") < text.index("810 of 1000 tie points lie on the model")
+
+
 def test_a_crop_shows_the_box_it_was_cut_for(painted: PaintedWall, tmp_path: Path) -> None:
     inspection = make_inspection(painted, [make_defect_row("D1", 2.0, 1.0)], ["D1"])
     crop = cv2.imread(str(write_crops(inspection, tmp_path, PictureSettings(thumbnail_px=128))["D1"]))
