@@ -50,6 +50,10 @@ def show_inspection(console: Console, lake: Path, result: InspectionResult) -> N
     table.add_row("photographs", f"{len(photos)} in, {len(localised)} localised, {len(refused)} rejected")
     _add_examples(table, "rejected", refused)
     _add_examples(table, "not localised", [pose for pose in poses if not PoseSource(pose["pose_source"]).measured])
+    warned = [photo | {"reason": photo["prior_warnings"]} for photo in photos if photo["prior_warnings"]]
+    if warned:
+        table.add_row("metadata", f"{len(warned)} photographs with warnings")
+        _add_examples(table, "warning", warned, "photographs_with_warnings")
     table.add_row("georeference", escape("\n".join(format_georeference(passport))))
     if passport["remarks"]:
         table.add_row("", escape(passport["remarks"]))
@@ -118,12 +122,14 @@ def _format_frame(passport: Mapping[str, Any]) -> str:
     return text if earlier is None else f"{text}, in the frame of campaign {earlier}"
 
 
-def _add_examples(table: RichTable, what: str, rows: Sequence[dict[str, Any]]) -> None:
-    """Add the first three photographs that were not used with their reasons, and count the others."""
+def _add_examples(
+    table: RichTable, what: str, rows: Sequence[dict[str, Any]], question: str = "photographs_rejected"
+) -> None:
+    """Add the first three photographs with their reasons, and count the others, which the question lists."""
     for row in rows[:3]:
         table.add_row("", f"{what}: {escape(row['photo_id'])}, {escape(row['reason'] or '')}")
     if len(rows) > 3:
-        table.add_row("", f"{what}: {len(rows) - 3} more (facadelake sql photographs_rejected)")
+        table.add_row("", f"{what}: {len(rows) - 3} more (facadelake sql {question})")
 
 
 def _list_outcomes(observations: Sequence[dict[str, Any]]) -> list[str]:

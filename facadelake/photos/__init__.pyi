@@ -2,5 +2,5 @@ from .exif import FULL_FRAME_DIAGONAL_MM as FULL_FRAME_DIAGONAL_MM
 from .files import find_masks as find_masks
 from .files import find_photographs as find_photographs
 from .ingest import ingest_photographs as ingest_photographs
-from .registered_positions import list_position_remarks as list_position_remarks
-from .registered_positions import read_registered_positions as read_registered_positions
+from .positions_file.registered import list_position_remarks as list_position_remarks
+from .positions_file.registered import read_registered_positions as read_registered_positions

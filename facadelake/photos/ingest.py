@@ -18,8 +18,8 @@ from facadelake.photos.clock import is_clock_set
 from facadelake.photos.exif import FULL_FRAME_DIAGONAL_MM
 from facadelake.photos.files import find_photographs
 from facadelake.photos.picture_kinds import KeptOut, find_kept_out
-from facadelake.photos.position_file import PositionFile
-from facadelake.photos.position_matching import match_positions
+from facadelake.photos.positions_file.matching import match_positions
+from facadelake.photos.positions_file.table import PositionFile
 from facadelake.photos.priors import PhotoMetadata, PhotoPriors, assign_to_flights, derive_priors
 from facadelake.photos.read import Photo, read_photos
 from schemas.vocabulary import HeightDatum, PhotoOutcome, PhotoRole, PositionSource

@@ -18,8 +18,8 @@ from facadelake.photos.lenses.focal_prior import FocalPrior, derive_calibrated_f
 from facadelake.photos.lenses.lens import NOTHING_SAID, LensMetadata
 from facadelake.photos.lenses.zoom import ZoomReading, apply_zooms
 from facadelake.photos.plausibility import TimedPrior, check_priors
-from facadelake.photos.position_matching import compare_with_metadata
 from facadelake.photos.position_prior import PositionPrior, derive_position_prior
+from facadelake.photos.positions_file.matching import compare_with_metadata
 from schemas.vocabulary import PositionSource
 
 

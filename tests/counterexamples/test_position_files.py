@@ -9,10 +9,10 @@ import pytest
 
 from facadelake.core.errors import InputDataError
 from facadelake.photos.ingest import ingest_photographs
-from facadelake.photos.position_file import PositionFileFormat
-from facadelake.photos.position_matching import match_positions
 from facadelake.photos.position_prior import SIGMA_DRONE, SIGMA_RTK_FIXED
-from facadelake.photos.registered_positions import list_position_remarks
+from facadelake.photos.positions_file.matching import match_positions
+from facadelake.photos.positions_file.registered import list_position_remarks
+from facadelake.photos.positions_file.table import PositionFileFormat
 from facadelake.registry import Building
 from schemas.vocabulary import HeightDatum
 from tests.unit.photos.small_photographs import photograph

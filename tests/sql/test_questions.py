@@ -45,6 +45,8 @@ def test_answers_are_right(lake: Path) -> None:
         ("detect", "unknown_class"): 1,
     }
     assert answer_question(lake, "photographs_rejected", here)["reason"].to_pylist() == ["0 bytes"]
+    warned = answer_question(lake, "photographs_with_warnings", here).to_pylist()
+    assert [(r["photo_id"], r["warnings"]) for r in warned] == [("closerange/p0.jpg", "the XMP packet is damaged")]
     assert len(answer_question(lake, "worst_defects", {**here, "limit": 2})) == 2
     (pair,) = answer_question(lake, "merges_of_defect", {**here, "defect_id": "defect-0000"}).to_pylist()
     assert (pair["merge_decision"], pair["photo_id"], pair["other_photo_id"]) == (

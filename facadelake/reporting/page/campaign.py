@@ -49,6 +49,12 @@ def list_unused_photographs(inspection: Inspection) -> Html:
     )
 
 
+def list_photographs_with_warnings(inspection: Inspection) -> Html:
+    """Table of the photographs whose metadata are damaged, ambiguous or contradictory."""
+    lines = [[row["photo_id"], row["prior_warnings"]] for row in inspection.photos.to_pylist() if row["prior_warnings"]]
+    return render_table(["photograph", "warnings"], lines, caption="Warnings about metadata") if lines else Html("")
+
+
 def summarise_checks(checks: pa.Table) -> list[Html]:
     """Tables of the expectations met for each table, and of those not met."""
     rows = checks.to_pylist()

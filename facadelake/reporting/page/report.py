@@ -21,6 +21,7 @@ from facadelake.reporting.overlays import draw_overlays, select_overlay_photogra
 from facadelake.reporting.page.campaign import (
     count_outcomes,
     describe_integrity,
+    list_photographs_with_warnings,
     list_unused_photographs,
     summarise_checks,
 )
@@ -108,6 +109,7 @@ def write_report(
         render_section("plan", "Plan", render_figure(plan, folder, "plan with cameras and defects", _PLAN)),
         render_section(
             "photographs", "Photographs", render_row(count_outcomes(inspection)), list_unused_photographs(inspection),
+            list_photographs_with_warnings(inspection),
             *(render_figure(path, folder, "overlay of a photograph", overlay_caption) for path in overlays.values()),
         ),
         render_section("passport", "Passport: georeferencing and accuracy", *render_passport(inspection, folder)),

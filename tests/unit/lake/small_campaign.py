@@ -88,7 +88,8 @@ def rows(defects: int = 3, sightings: int = 2, inputs: str = INPUTS, note: str =
             *({"photo_id": photo, "sha256": f"{i:064d}", "bytes": 1000, "role": "closerange",
                "photo_outcome": "accepted", "image_width_px": 1600, "image_height_px": 1200, "taken_at": START,
                "prior_source": "xmp", "prior_lon_deg": LON, "prior_lat_deg": LAT, "prior_height_m": HEIGHT + 10,
-               "prior_height_datum": "unknown"} for i, photo in enumerate(photos)),
+               "prior_height_datum": "unknown", "prior_warnings": None if i else "the XMP packet is damaged"}
+              for i, photo in enumerate(photos)),
             {"photo_id": "closerange/broken.jpg", "sha256": "b" * 64, "bytes": 0, "photo_outcome": "unreadable",
              "reason": "0 bytes", "prior_source": "none", "prior_height_datum": "unknown"},
         ],

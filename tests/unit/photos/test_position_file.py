@@ -8,8 +8,8 @@ import pytest
 
 from facadelake.core.errors import InputDataError
 from facadelake.photos.ingest import ingest_photographs
-from facadelake.photos.position_file import PositionFile, PositionFileFormat, read_position_file
 from facadelake.photos.position_prior import PositionSigma
+from facadelake.photos.positions_file.table import PositionFile, PositionFileFormat, read_position_file
 from schemas.vocabulary import HeightDatum, PositionSource
 from tests.unit.photos.small_photographs import photograph
 

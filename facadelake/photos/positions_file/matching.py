@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 from facadelake.core.errors import InputDataError
 from facadelake.core.photo_names import PhotoNames
-from facadelake.photos.position_file import PositionFile
 from facadelake.photos.position_prior import METRES_PER_DEGREE, PositionPrior
+from facadelake.photos.positions_file.table import PositionFile
 from schemas.vocabulary import HeightDatum, PositionSource
 
 # The file and the metadata come from different solutions: beyond this many sigmas of their difference they disagree.
