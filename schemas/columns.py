@@ -178,6 +178,27 @@ _ALL = [
     count("edge_features", "edge features of the model (sills, storey lines, corners) matched in the photographs"),
     real("edge_score", "", "agreement of the model's edges with image gradients at the selected shift"),
     real("edge_score_runner_up", "", "the same at the best competing shift"),
+    text("crs_operation", "PROJ's operation from the model's CRS to EPSG:4979, of longitudes and latitudes"),
+    real(
+        "crs_operation_accuracy_m",
+        "m",
+        "its accuracy by PROJ's database, not contained in the sigmas; empty where unknown, 0 in one datum",
+        0,
+    ),
+    text("control_operation", "PROJ's operation from the CRS of the control to that of the model; empty without one"),
+    real(
+        "control_operation_accuracy_m",
+        "m",
+        "its accuracy by PROJ's database; empty where unknown, 0 in one datum",
+        0,
+    ),
+    real(
+        "control_operation_sigma_m",
+        "m",
+        "one sigma that it adds to the campaign's position, largest axis, contained in the sigmas: its accuracy is "
+        "taken as one sigma of each axis, 25 m where unknown",
+        0,
+    ),
     text("reference_campaign", "the earlier campaign in whose frame this one was adjusted"),
     text("point_name", "name of the point, or the photograph"),
     text("point_kind", "role of the point in the adjustment", PointKind),

@@ -8,6 +8,7 @@ from prefect import task
 
 from facadelake.building import read_building
 from facadelake.core.hashing import hash_file
+from facadelake.core.proj.crs import GEO
 from facadelake.core.tables import read_table, write_table
 from facadelake.georeferencing import (
     Control,
@@ -31,7 +32,7 @@ SITE_FROM_SFM = "site_from_sfm.json"
 def georeference_block(job: InspectionJob, model: StageResult, photos: StageResult, block: StageResult) -> StageResult:
     """Tables ``poses``, ``georeference``, ``georeference_points`` and ``placement_checks``, and the reference for later
     campaigns."""
-    building, tolerances = job.building, job.building.tolerances
+    building, tolerances, crs = job.building, job.building.tolerances, job.building.crs
     gcp_file, check_file = (
         building.locate_control_points(job.campaign_id),
         building.locate_check_points(job.campaign_id),
@@ -55,6 +56,8 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
                 vertical_datum=model_of_building.vertical_datum,
                 georeference_level=model_of_building.georeference_level,
                 model_remarks=model_of_building.remarks,
+                gnss_crs=crs.gnss or GEO,
+                accepted_operation_accuracy_m=crs.accept_operation_accuracy_m,
             ),
             control=Control(
                 kind=job.control,
@@ -89,6 +92,7 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
         "check_points": hash_file(check_file) if check_file else None,
         "references": [hash_file(path) for path in references],
         "model_sigma_m": tolerances.model_sigma_m,
+        "crs": [crs.gnss, crs.accept_operation_accuracy_m],
         "placement_sigma_max_m": tolerances.placement_sigma_max_m,
     }
     reads = {"model": model, "photos": photos, "block": block}

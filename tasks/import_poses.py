@@ -9,6 +9,7 @@ from prefect import task
 from facadelake.building import read_building
 from facadelake.building.surface import Surface
 from facadelake.core.hashing import hash_files
+from facadelake.core.proj.crs import GEO
 from facadelake.core.tables import read_table, write_table
 from facadelake.georeferencing import SiteFrame
 from facadelake.georeferencing.gcp import read_surveyed_points
@@ -24,7 +25,7 @@ def import_poses(job: InspectionJob, model: StageResult, photos: StageResult) ->
     Control and check points of the campaign, where it has any, test the poses and do not move them.
     """
     assert job.poses is not None
-    path = job.poses
+    path, crs = job.poses, job.building.crs
     limit_m = job.building.tolerances.placement_sigma_max_m
     files = (job.building.locate_control_points(job.campaign_id), job.building.locate_check_points(job.campaign_id))
     surveyed = [file for file in files if file is not None]
@@ -41,6 +42,8 @@ def import_poses(job: InspectionJob, model: StageResult, photos: StageResult) ->
                 vertical_datum=building.vertical_datum,
                 georeference_level=building.georeference_level,
                 model_remarks=building.remarks,
+                gnss_crs=crs.gnss or GEO,
+                accepted_operation_accuracy_m=crs.accept_operation_accuracy_m,
             ),
             surface=Surface(building),
             placement_sigma_max_m=limit_m,
@@ -56,6 +59,7 @@ def import_poses(job: InspectionJob, model: StageResult, photos: StageResult) ->
         "poses": hash_files(list_pose_files(path)),
         "name": path.name,
         "surveyed": hash_files(surveyed),
+        "crs": [crs.gnss, crs.accept_operation_accuracy_m],
         "placement_sigma_max_m": limit_m,
     }
     return run_stage(job, "import-poses", reads={"model": model, "photos": photos}, inputs=inputs, make=make)

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from facadelake.building.model_georeference.crs_parsing import ELLIPSOIDAL
 from facadelake.building.storeys import StoreyLevel
 from facadelake.core.arrays import BoolArray, Float64Nx2, Float64Nx3, Int64Nx3, RowIndices
 from facadelake.core.errors import ModelError
-from facadelake.core.geodesy import SiteOrigin, promote_to_3d
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.proj.crs import combine_crs, promote_to_3d
 from facadelake.core.tables import read_table, write_table
 from schemas.vocabulary import SurfaceKind
 
@@ -72,9 +72,7 @@ class BuildingModel:
     @property
     def height_crs(self) -> str:
         """The CRS of map coordinates with height; compound unless heights are ellipsoidal."""
-        if self.vertical_datum == ELLIPSOIDAL:
-            return self.map_crs
-        return f"{self.map_crs}+{self.vertical_datum.removeprefix('EPSG:')}"
+        return combine_crs(self.map_crs, self.vertical_datum)
 
     def map_from_site(self, xyz_site_m: Float64Nx3) -> Float64Nx3:
         """Transform site points (n, 3) to east, north of ``map_crs`` and height of ``vertical_datum``, in metres."""

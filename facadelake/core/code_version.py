@@ -9,7 +9,9 @@ The closure is derived from the source (``ast``), never listed by hand:
   one name does not pull in the whole package;
 - a string that is the name of a module of the checkout, such as the worker's in ``[python, "-m", "facadelake.x"]``;
 - files and folders named by ``locate_source("...")``;
-- distributions of the third-party packages that are imported, with their versions, and the version of Python.
+- distributions of the third-party packages that are imported, with their versions, and the version of Python;
+- where PROJ is imported, the transformation grids that are installed beside it, by name and size: they decide which
+  operation PROJ takes.
 
 Source is hashed byte by byte: a changed comment invalidates results, and a changed rule can never be missed.
 """
@@ -28,6 +30,7 @@ from pathlib import Path
 
 from facadelake.core.checkout import CHECKOUT
 from facadelake.core.hashing import hash_file
+from facadelake.core.proj.grids import list_installed_grids
 
 # Imported but without influence on results: scheduling, locks, memory meters, the terminal.
 NOT_COMPUTING = frozenset({"filelock", "lazy-loader", "prefect", "psutil", "rich", "typer"})
@@ -62,6 +65,8 @@ def _compute_version(module: str, root: Path) -> CodeVersion:
     digest = hashlib.sha256(platform.python_version().encode())
     for name, value in [*files.items(), *libraries.items()]:
         digest.update(f"\0{name}\0{value}".encode())
+    for grid, size_bytes in list_installed_grids() if "pyproj" in libraries else ():
+        digest.update(f"\0{grid}\0{size_bytes}".encode())
     return CodeVersion(files=files, libraries=libraries, sha256=digest.hexdigest())
 
 

@@ -6,28 +6,30 @@ Grids are never downloaded, and ballpark transformations are refused.
 
 from __future__ import annotations
 
-import math
-import warnings
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 import pyproj
-from pyproj import network
-from pyproj.exceptions import CRSError
-from pyproj.transformer import TransformerGroup
 
-from facadelake.core.arrays import BoolArray, Float64Array, Float64Nx3
+from facadelake.core.arrays import Float64Array, Float64Nx3, Float64x3
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
-
-network.set_network_enabled(active=False)
-
-GEO = "EPSG:4979"
-ECEF = "EPSG:4978"
-# A building may lie this far outside the area of use of its CRS: all of Bavaria, to 13.84 deg east, is mapped in
-# EPSG:25832, whose area ends at 12 deg. Exchanged axes and wrong units are off by more.
-AREA_MARGIN_DEG = 2.0
+from facadelake.core.proj.crs import (
+    AREA_MARGIN_DEG,
+    ECEF,
+    GEO,
+    check_area_of_use,
+    get_horizontal_crs,
+    is_horizontal,
+    is_in_area_of_use,
+    lon_lat_from_xy,
+    name_area_of_use,
+    name_crs,
+    parse_crs,
+    promote_to_3d,
+)
+from facadelake.core.proj.operations import PlacedOperation, place_operation
 
 SITE_AXES = ("east", "north", "up")
 
@@ -73,155 +75,164 @@ class SiteOrigin:
         return transform(self.geo_from_site(xyz_site_m), GEO, map_crs)
 
 
-def promote_to_3d(crs_text: str) -> pyproj.CRS:
-    """The CRS as a 3D CRS: a compound CRS unchanged, a horizontal CRS with ellipsoidal height.
+def find_operation(source: str, target: str, *, lon_deg: float, lat_deg: float) -> PlacedOperation:
+    """The operation by which ``transform`` goes from one CRS to another at a place.
 
-    Raises GeoreferenceError for a CRS that PROJ does not know.
+    Args:
+        source: the CRS to transform from.
+        target: the CRS to transform to.
+        lon_deg: longitude of the place.
+        lat_deg: latitude of the place.
+
+    Returns:
+        the best available operation, its accuracy, and whether a better one lacks its grid.
+
+    Raises:
+        GeoreferenceError: there is none for the place, or the grids of all of them are missing.
     """
-    try:
-        crs = pyproj.CRS.from_user_input(crs_text)
-    except CRSError as error:
-        raise GeoreferenceError(
-            f"CRS '{crs_text}' is not known to PROJ; give an EPSG code such as EPSG:25832 or EPSG:25832+7837"
-        ) from error
-    return crs if crs.is_compound or len(crs.axis_info) == 3 else crs.to_3d()
+    place = _choose_place(source, target, lon_deg, lat_deg)
+    return place_operation(promote_to_3d(source), promote_to_3d(target), *place)
 
 
-@lru_cache(maxsize=32)
-def _select_transformer(source: str, target: str) -> pyproj.Transformer:
-    """The best transformation. A missing grid is an error, since the next best operation would be used silently.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class OperationSigma:
+    """What an operation between two CRSs adds to the error of every point alike.
 
-    Ballpark transformations are refused: they ignore the shift between datums.
+    ``sigma_m`` (3,: east, north, up): one sigma. ``convention_m``: stated accuracy of a null transformation, 0 without
+    one. WGS 84 and ETRS89 or NAD83 are equal by convention: coordinates that were computed by it return unchanged,
+    those observed in the other datum are off by decimetres to metres. It is therefore told, not added.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # pyproj warns where the best is unavailable; it is an error below
-        group = TransformerGroup(promote_to_3d(source), promote_to_3d(target), always_xy=True, allow_ballpark=False)
-    if not group.transformers:
-        missing = sorted(
-            {grid.short_name for op in group.unavailable_operations for grid in op.grids if not grid.available}
-        )
-        raise GeoreferenceError(
-            f"no transformation from {source} to {target} is available"
-            + (f": the grid {', '.join(missing)} is not installed" if missing else "")
-            + "; install the grid in PROJ's data folder, or give heights as ellipsoidal"
-        )
-    if not group.best_available:
-        best = group.unavailable_operations[0]
-        missing = sorted({grid.short_name for grid in best.grids if not grid.available})
-        raise GeoreferenceError(
-            f"the best transformation from {source} to {target} needs the grid {', '.join(missing) or best.name}, "
-            "which is not installed; install it in PROJ's data folder, or give heights as ellipsoidal"
-        )
-    return group.transformers[0]
+
+    sigma_m: Float64x3
+    convention_m: float
+
+
+def compute_operation_sigma(source: str, target: str, *, lon_deg: float, lat_deg: float) -> OperationSigma:
+    """The error that the operation between two CRSs adds to all points of a site.
+
+    Args:
+        source: the CRS to transform from.
+        target: the CRS to transform to.
+        lon_deg: longitude of the site.
+        lat_deg: latitude of the site.
+
+    Returns:
+        the accuracy that PROJ's database states, as one sigma of each axis; of the height alone where only heights are
+        transformed; zero between CRSs of one datum.
+
+    Raises:
+        GeoreferenceError: there is no operation for the place.
+    """
+    source, target = (GEO if crs == ECEF else crs for crs in (source, target))
+    total_m = find_operation(source, target, lon_deg=lon_deg, lat_deg=lat_deg).sigma_m
+    place = _choose_place(source, target, lon_deg, lat_deg)
+    geographic = [get_horizontal_crs(crs).geodetic_crs for crs in (source, target)]
+    if None in geographic or any(crs.is_geocentric for crs in geographic if crs is not None):
+        return OperationSigma(sigma_m=np.full(3, total_m), convention_m=0.0)
+    horizontal = place_operation(*(crs.to_2d() for crs in geographic if crs is not None), *place)
+    across_m = horizontal.sigma_m
+    if across_m and np.array_equal(horizontal.transformer.transform(*place), place):
+        up_m = max(total_m - across_m, 0.0)  # PROJ adds the accuracies of the steps
+        return OperationSigma(sigma_m=np.array([0.0, 0.0, up_m]), convention_m=across_m)
+    return OperationSigma(sigma_m=np.array([across_m, across_m, total_m]), convention_m=0.0)
+
+
+def _choose_place(source: str, target: str, lon_deg: float, lat_deg: float) -> tuple[float, float]:
+    """The place to choose an operation for: inside the areas of use of both CRSs, if need be by the margin.
+
+    Rounded to a kilometre, so that all points of a site share one operation.
+    """
+    for crs in (source, target):
+        area = get_horizontal_crs(crs).area_of_use
+        if area is not None and area.west < area.east:
+            lon_deg = min(max(lon_deg, area.west), area.east)
+            lat_deg = min(max(lat_deg, area.south), area.north)
+    return round(lon_deg, 2), round(lat_deg, 2)
 
 
 def transform(points: Float64Nx3, source: str, target: str) -> Float64Nx3:
     """Transform points (n, 3) between CRSs, in the order lon, lat or east, north whatever the axis order of the CRS.
 
-    Raises GeoreferenceError where no transformation is available, or a point lies outside the domain of the CRS.
+    The best operation that is installed is used for the place of the points; ``find_operation`` says which it is. The
+    height of a horizontal CRS ("EPSG:2056") is a GNSS height, above the ellipsoid of WGS 84 (and GRS 80), in metres.
+    ``combine_crs`` names other heights.
+
+    Raises GeoreferenceError where no transformation is available, or a point lies outside the area of use of a CRS.
     """
     points = np.atleast_2d(np.asarray(points, dtype=np.float64))
     if len(points) == 0:
         return points.reshape(0, 3)
-    x, y, z = _select_transformer(source, target).transform(points[:, 0], points[:, 1], points[:, 2])
-    out = np.column_stack([x, y, z])
+    if source == target:
+        return points.copy()
+    if {source, target} <= {GEO, ECEF}:
+        return _require_finite(_select_conversion(source, target).transform(*points.T), points, source, target)
+    if ECEF in (source, target):  # PROJ has fewer operations to geocentric coordinates than to geographic ones
+        return transform(transform(points, source, GEO), GEO, target)
+    lon_deg, lat_deg = _locate(points, source)
+    _require_place_in_area(lon_deg, lat_deg, target)
+    own = points.copy()
+    if is_horizontal(parse_crs(source)):
+        # From the GNSS height to that above the CRS's own ellipsoid: their difference is the same at both heights.
+        own[:, 2] -= _apply(points, source, GEO, lon_deg, lat_deg)[:, 2] - points[:, 2]
+    out = _apply(own, source, target, lon_deg, lat_deg)
+    heights_are_gnss = {crs == GEO or is_horizontal(parse_crs(crs)) for crs in (source, target)}
+    if heights_are_gnss == {True}:
+        out[:, 2] = points[:, 2]
+    elif is_horizontal(parse_crs(target)):
+        out[:, 2] = _apply(out, target, GEO, lon_deg, lat_deg)[:, 2]
+    return out
+
+
+def _apply(points: Float64Nx3, source: str, target: str, lon_deg: float, lat_deg: float) -> Float64Nx3:
+    """Transform points; heights of horizontal CRSs are above their own ellipsoid.
+
+    Args:
+        points: points (n, 3).
+        source: their CRS.
+        target: the CRS to transform to.
+        lon_deg: longitude of the place that the operation is chosen for.
+        lat_deg: latitude of the place.
+
+    Returns:
+        the points (n, 3).
+    """
+    operation = find_operation(source, target, lon_deg=lon_deg, lat_deg=lat_deg)
+    return _require_finite(operation.transformer.transform(*points.T), points, source, target)
+
+
+@lru_cache(maxsize=2)
+def _select_conversion(source: str, target: str) -> pyproj.Transformer:
+    """The conversion between geographic and geocentric coordinates of WGS 84, which is exact everywhere."""
+    return pyproj.Transformer.from_crs(source, target, always_xy=True)
+
+
+def _require_finite(xyz: tuple[Float64Array, ...], points: Float64Nx3, source: str, target: str) -> Float64Nx3:
+    out = np.column_stack(xyz)
     if not np.isfinite(out).all():
         bad = points[~np.isfinite(out).all(axis=1)][0]
         raise GeoreferenceError(
-            f"the point {bad.tolist()} of {source} lies outside the domain of {target}; "
+            f"the point {bad.tolist()} of {name_crs(source)} lies outside the domain of {name_crs(target)}; "
             "check the axis order and the unit"
         )
     return out
 
 
-def is_in_area_of_use(crs: str, lon_deg: float, lat_deg: float, margin_deg: float) -> bool:
-    """Whether a place is in the area of use of ``crs``, or up to ``margin_deg`` outside it; True if it has none.
-
-    Args:
-        crs: a CRS.
-        lon_deg: longitude of the place.
-        lat_deg: latitude of the place.
-        margin_deg: margin around the area, degrees.
-    """
-    area = _get_horizontal_crs(crs).area_of_use
-    return area is None or bool(_mask_in_area(area.bounds, np.array([[lon_deg, lat_deg]]), margin_deg)[0])
-
-
-def name_area_of_use(crs: str) -> str:
-    """The name of the area of use of ``crs``, for messages."""
-    area = _get_horizontal_crs(crs).area_of_use
-    return area.name.split(":")[0].rstrip(".") if area else "area unknown"
+def _locate(points: Float64Nx3, crs: str) -> tuple[float, float]:
+    """Longitude and latitude of the middle of points (n, 3), which have to lie in the area of use of their CRS."""
+    check_area_of_use(points, crs)
+    horizontal = get_horizontal_crs(crs)
+    if horizontal.is_geocentric:
+        lon_lat = transform(points, ECEF, GEO)[:, :2]
+    else:
+        lon_lat = lon_lat_from_xy(horizontal, points[:, :2])
+    lon_deg, lat_deg = np.median(lon_lat, axis=0).tolist()
+    return lon_deg, lat_deg
 
 
-def check_area_of_use(points: Float64Array, crs: str, *, margin_deg: float = AREA_MARGIN_DEG) -> None:
-    """Refuse points that lie outside the area of use of their CRS.
-
-    Args:
-        points: points (n, 2 or more) in the units of ``crs``: x (east, longitude) before y, whatever its axis order.
-        crs: their CRS; of a compound CRS, the horizontal part counts. A geocentric CRS has no area to check.
-        margin_deg: how far outside the area points may lie, degrees.
-
-    Raises:
-        GeoreferenceError: names the first such point and the area, and the exchanged or negated coordinates where these
-            lie in the area.
-    """
-    horizontal = _get_horizontal_crs(crs)
-    area = horizontal.area_of_use
-    if horizontal.is_geocentric or area is None:
+def _require_place_in_area(lon_deg: float, lat_deg: float, crs: str) -> None:
+    if is_in_area_of_use(crs, lon_deg, lat_deg, AREA_MARGIN_DEG):
         return
-    xy = np.atleast_2d(np.asarray(points, dtype=np.float64))[:, :2]
-    inside = _mask_in_area(area.bounds, _lon_lat_from_xy(horizontal, xy), margin_deg)
-    if inside.all():
-        return
-    x, y = xy[~inside][0]
-    readings = {
-        "exchanged": (y, x),
-        "with the other sign": (-x, -y),
-        "exchanged and with the other sign": (-y, -x),
-    }
-    fits = _mask_in_area(area.bounds, _lon_lat_from_xy(horizontal, np.array(list(readings.values()))), 0.0)
-    fitting = [
-        f"{how} ({a:.10g}, {b:.10g}) it would lie in it; "
-        for (how, (a, b)), fit in zip(readings.items(), fits, strict=True)
-        if fit
-    ]
-    axes = "longitude, latitude" if horizontal.is_geographic else "east, north"
     raise GeoreferenceError(
-        f"the point {x:.10g}, {y:.10g} of {horizontal.name} ({axes}) lies outside the area of use of that CRS "
-        f"({name_area_of_use(crs)}: longitude {area.west:g} to {area.east:g}, latitude {area.south:g} to "
-        f"{area.north:g}); {(fitting or [''])[0]}check the axis order, the unit and the CRS"
+        f"the place lon {lon_deg:.6f}, lat {lat_deg:.6f} lies outside the area of use of {name_crs(crs)} "
+        f"({name_area_of_use(crs)}); check the axis order and the CRS"
     )
-
-
-def _get_horizontal_crs(crs: str) -> pyproj.CRS:
-    """The horizontal part of a compound CRS, else the CRS itself."""
-    parsed = promote_to_3d(crs)
-    return parsed.sub_crs_list[0] if parsed.is_compound else parsed
-
-
-def _lon_lat_from_xy(crs: pyproj.CRS, xy: Float64Array) -> Float64Array:
-    """Longitude and latitude (n, 2), degrees in the datum of ``crs``, of points (n, 2) of it."""
-    if crs.is_geographic:
-        return xy * math.degrees(crs.axis_info[0].unit_conversion_factor)
-    return np.column_stack(pyproj.Proj(crs)(xy[:, 0], xy[:, 1], inverse=True))
-
-
-def _mask_in_area(
-    bounds_deg: tuple[float, float, float, float], lon_lat_deg: Float64Array, margin_deg: float
-) -> BoolArray:
-    """Mask (n,) of the places (n, 2) within ``bounds_deg`` and the margin; False where not finite.
-
-    Args:
-        bounds_deg: west, south, east, north; west > east across the date line.
-        lon_lat_deg: the places (n, 2).
-        margin_deg: margin around the bounds.
-
-    Returns:
-        the mask.
-    """
-    west, south, east, north = bounds_deg
-    lon, lat = lon_lat_deg.T
-    after_west, before_east = lon >= west - margin_deg, lon <= east + margin_deg
-    in_lon = after_west | before_east if west > east else after_west & before_east
-    inside: BoolArray = in_lon & (lat >= south - margin_deg) & (lat <= north + margin_deg)
-    return inside & np.isfinite(lon_lat_deg).all(axis=1)

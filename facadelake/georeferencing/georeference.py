@@ -51,7 +51,7 @@ def georeference_reconstruction(
     Raises:
         GeoreferenceError: the control cannot place the block, or not accurately enough.
     """
-    priors = collect_gps_priors(reconstruction, photos, site_frame.origin)
+    priors = collect_gps_priors(reconstruction, photos, site_frame)
     control = control.match_marks(photos["photo_id"].to_pylist())
     of_files = tuple(remark for file in (control.points, control.check_points) if file for remark in file.remarks)
     if control.kind is not None:
@@ -88,8 +88,10 @@ def _georeference_by(
     if kind is not ControlKind.GPS:
         _check_against_gps(placement, reconstruction, priors)
     initial_xyz_m = placement.site_from_sfm.apply(reconstruction.centres_sfm[priors.photo])
+    # RTK positions in another realisation of WGS 84 must not compete with control in the model's datum.
+    convention_m = 0.0 if kind is ControlKind.GPS else priors.convention_m
     observations = ControlObservations(
-        positions=build_position_terms(priors, placement.gps_used, initial_xyz_m)
+        positions=build_position_terms(priors, placement.gps_used, initial_xyz_m, convention_m=convention_m)
         if placement.datum_sigma_m is None
         else build_datum_terms(priors, placement.gps_used, initial_xyz_m, placement.datum_sigma_m),
         attitudes=build_attitude_terms(priors),

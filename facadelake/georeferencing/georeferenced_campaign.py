@@ -22,6 +22,7 @@ from facadelake.georeferencing.adjustment.point_to_plane import select_points_wi
 from facadelake.georeferencing.available_control import Control
 from facadelake.georeferencing.campaign.reference import ReferencePoints
 from facadelake.georeferencing.campaign.reference_selection import build_reference
+from facadelake.georeferencing.datum_shift import build_operation_columns, describe_datum_shift
 from facadelake.georeferencing.gps.priors import GpsPriors
 from facadelake.georeferencing.initial_placement import CONTROL_SIGMA_M, InitialPlacement
 from facadelake.georeferencing.model.lean import BlockLean
@@ -161,13 +162,14 @@ def build_georeferenced_campaign(
     )
     if placement.kind is ControlKind.CAMPAIGN and len(held_out_m):
         require_consistent_frame(held_out_m, float(sigma_m.max()), placement.method)
+    datum_remark = describe_datum_shift(placement.datum_shift, sigma_m)
     gps_requested = control.kind is ControlKind.GPS
     require_accuracy(
         control=placement.kind,
         sigma_m=sigma_m,
         limit_m=np.inf if gps_requested else control.placement_sigma_max_m,
         held_out_m=held_out_m,
-        remedy=_REMEDY,
+        remedy="; ".join(filter(None, [datum_remark, _REMEDY])),
     )
     checks = _check_placement(priors, adjusted, sigma_m, held_out_m, control)
     disagreements = require_agreement(
@@ -190,12 +192,14 @@ def build_georeferenced_campaign(
         "georeference_level": site_frame.georeference_level,
         "scale": site_from_sfm.scale,
         **_describe_control(placement, adjusted),
+        **build_operation_columns(site_frame, placement.datum_shift),
         **_describe_accuracy(sigma_m, held_out_m, adjusted),
         **_describe_gps(priors, adjusted),
         **_describe_model(control, placement, adjusted),
         "remarks": "; ".join(
             [
                 *disagreements,
+                *filter(None, [datum_remark]),
                 *_build_remarks(reconstruction, priors, placement, adjusted),
                 *site_frame.list_model_remarks(),
             ]

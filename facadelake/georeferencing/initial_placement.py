@@ -14,7 +14,8 @@ from facadelake.georeferencing.adjustment.adjusted_block import AdjustedBlock
 from facadelake.georeferencing.adjustment.control_observations import MarkedPoints, SharedTiePoints, SurfaceConstraint
 from facadelake.georeferencing.available_control import Control
 from facadelake.georeferencing.campaign.matching import ReferenceMatch, match_reference
-from facadelake.georeferencing.gcp.control_points import SurveyedPoints, transform_to_site
+from facadelake.georeferencing.datum_shift import DatumShift, find_datum_shift
+from facadelake.georeferencing.gcp.control_points import SurveyedPoints, add_vertical_datum, transform_to_site
 from facadelake.georeferencing.gcp.placement import intersect_marks, place_by_control_points
 from facadelake.georeferencing.gps.alignment import align_to_gps
 from facadelake.georeferencing.gps.priors import GpsPriors
@@ -41,7 +42,8 @@ class InitialPlacement:
     (k,) at the control after the adjustment. ``marked``, ``shared`` and ``model``: observations of the control.
     ``edge_shift``: of a placement by the model's edges. ``datum_sigma_m`` (3,): sigma to which the placement itself
     constrains the block's datum, instead of GPS (None: GPS does). ``frame_covariance_m2`` (3, 3): error that all
-    control shares (the frame of an earlier campaign).
+    control shares (the frame of an earlier campaign, the shift between two datums). ``datum_shift``: from the datum of
+    the control to that of the model, where the control has coordinates of its own.
     """
 
     kind: ControlKind
@@ -58,6 +60,7 @@ class InitialPlacement:
     edge_shift: EdgeShift | None = None
     datum_sigma_m: Float64x3 | None = None
     reference_campaign: str | None = None
+    datum_shift: DatumShift | None = None
     frame_covariance_m2: Float64x3x3 = field(default_factory=lambda: np.zeros((3, 3)))
 
     def add_remarks(self, remarks: tuple[str, ...]) -> InitialPlacement:
@@ -111,7 +114,9 @@ def _find_consistent_gps(site_from_sfm: Similarity, reconstruction: Reconstructi
 def _build_from_control_points(
     reconstruction: Reconstruction, priors: GpsPriors, site_frame: SiteFrame, control: Control
 ) -> InitialPlacement:
-    placed = place_by_control_points(reconstruction, control.points, site_frame.origin, site_frame.vertical_datum)
+    placed = place_by_control_points(reconstruction, control.points, site_frame)
+    assert control.points is not None
+    shift = find_datum_shift(add_vertical_datum(control.points.crs, site_frame.vertical_datum), site_frame)
     rows = np.flatnonzero(placed.agree)
     marks = [placed.marks[row] for row in rows]
     marked = MarkedPoints(
@@ -135,6 +140,8 @@ def _build_from_control_points(
         ),
         remarks=placed.remarks,
         marked=marked,
+        datum_shift=shift,
+        frame_covariance_m2=shift.covariance_m2,
     )
 
 
@@ -238,6 +245,7 @@ def _build_from_gps(reconstruction: Reconstruction, priors: GpsPriors) -> Initia
         points_used=int(aligned.used.sum()),
         points_total=len(priors.photo),
         compute_residual_m=compute_residual_m,
+        datum_shift=priors.datum_shift,
         remarks=(*aligned.remarks, "the error common to all GPS positions (metres) is not observable"),
     )
 
@@ -261,10 +269,22 @@ def _add_check_points(
     """
     if check_points is None:
         return placement
-    xyz = transform_to_site(check_points, origin=site_frame.origin, vertical_datum=site_frame.vertical_datum)
-    marks = intersect_marks(reconstruction, check_points)
+    xyz = transform_to_site(check_points, site_frame)
+    outside: list[bool] = np.isnan(xyz.sum(axis=1)).tolist()
+    if any(outside):
+        names = [point.name for point, out in zip(check_points.points, outside, strict=True) if out]
+        placement = placement.add_remarks(
+            (f"check points left out, outside the area of use of their CRS: {', '.join(names)}",)
+        )
+    marks = [
+        None if out else mark for mark, out in zip(intersect_marks(reconstruction, check_points), outside, strict=True)
+    ]
     usable = [row for row, mark in enumerate(marks) if mark is not None]
-    unusable = [check_points.points[row].name for row, mark in enumerate(marks) if mark is None]
+    unusable = [
+        point.name
+        for point, mark, out in zip(check_points.points, marks, outside, strict=True)
+        if mark is None and not out
+    ]
     if unusable:
         placement = placement.add_remarks(
             (f"check points not usable (fewer than 2 agreeing marks): {', '.join(unusable)}",)

@@ -6,15 +6,13 @@ XMP is used before EXIF, unless the portfolio says which of them counts. Where t
 from __future__ import annotations
 
 import math
-import re
-import warnings
 from dataclasses import dataclass, replace
 
 import numpy as np
-from pyproj.transformer import TransformerGroup
 
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.geodesy import GEO, transform
+from facadelake.core.geodesy import find_operation, transform
+from facadelake.core.proj.crs import GEO
 from facadelake.photos.drone_xmp import DroneMetadata
 from facadelake.photos.exif import ExifMetadata
 from schemas.vocabulary import HeightDatum, PositionSource
@@ -57,11 +55,8 @@ def ellipsoidal_from_egm96(lon_deg: float, lat_deg: float, height_m: float) -> t
         geo = transform(np.array([[lon_deg, lat_deg, height_m]]), EGM96, GEO)
     except GeoreferenceError:
         return None
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        best = TransformerGroup(EGM96, GEO, always_xy=True, allow_ballpark=False).transformers[0]
-    grid = re.search(r"grids=(\S+)", best.definition)
-    return float(geo[0, 2]), grid[1] if grid else best.description
+    operation = find_operation(EGM96, GEO, lon_deg=lon_deg, lat_deg=lat_deg)
+    return float(geo[0, 2]), ", ".join(operation.grids) or operation.name
 
 
 # RtkFlag of a float solution: 32 to 49 in DJI's manuals, 34 in the older ones.

@@ -91,7 +91,10 @@ class BuildingCrs(StrictModel):
     """Georeference of a model without one, or instead of its own; see docs/georeference-levels.md.
 
     ``map`` is a projected CRS such as EPSG:25832; ``vertical`` is ``ellipsoidal`` or a vertical CRS such as EPSG:7837.
-    ``accept_level`` accepts a georeference with an accuracy of metres, down to that LoGeoRef level. For meshes
+    ``accept_level`` accepts a georeference with an accuracy of metres, down to that LoGeoRef level.
+    ``accept_operation_accuracy_m`` accepts the best coordinate operation that is installed, where a better one lacks
+    its grid, up to that accuracy. ``gnss`` is the geographic CRS of the photographs' positions, such as EPSG:4258 for
+    corrections of a service in ETRS89. For meshes
     (docs/without-bim.md): ``offset_file`` contains the position of their origin, ``axes`` is the upward axis, ``unit``
     the unit of length. ``map_unit`` is the unit of an IFC's map coordinates where its MapUnit is missing or wrong.
     """
@@ -102,6 +105,8 @@ class BuildingCrs(StrictModel):
     control: tuple[ControlPairSetting, ...] = ()
     accept_level: Literal[20, 40] | None = None
     map_unit: LengthUnitName | None = None
+    accept_operation_accuracy_m: Annotated[float, Field(gt=0, le=100)] | None = None
+    gnss: str | None = None
     offset_file: str | None = None
     axes: Literal["z-up", "y-up"] | None = None
     unit: LengthUnitName | None = None

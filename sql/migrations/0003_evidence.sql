@@ -51,6 +51,13 @@ UPDATE defects SET
         FROM campaigns
         WHERE campaigns.building_id = defects.building_id AND campaigns.campaign_id = defects.campaign_id
     ) || '/' || best_photo_id;
+-- Coordinate operations of the published longitudes and of the control, with their accuracy.
+
+ALTER TABLE georeference ADD COLUMN crs_operation VARCHAR;
+ALTER TABLE georeference ADD COLUMN crs_operation_accuracy_m DOUBLE;
+ALTER TABLE georeference ADD COLUMN control_operation VARCHAR;
+ALTER TABLE georeference ADD COLUMN control_operation_accuracy_m DOUBLE;
+ALTER TABLE georeference ADD COLUMN control_operation_sigma_m DOUBLE;
 
 -- How EXIF turns a photograph.
 ALTER TABLE photos ADD COLUMN exif_orientation BIGINT;

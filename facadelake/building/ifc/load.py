@@ -48,6 +48,7 @@ class IfcModelSettings:
     control: tuple[ControlPair, ...] = ()
     accept_level: int | None = None
     map_unit: LengthUnit | None = None
+    accepted_operation_accuracy_m: float | None = None
     building: str = ""
     storeys: tuple[StoreyElevation, ...] = ()
     origin: SiteOrigin | None = None
@@ -73,6 +74,7 @@ def load_ifc_building(path: Path, *, settings: IfcModelSettings) -> BuildingMode
         control=settings.control,
         accept_level=settings.accept_level,
         map_unit=settings.map_unit,
+        accepted_operation_accuracy_m=settings.accepted_operation_accuracy_m,
     )
     storeys_of_ifc = read_storeys(model, labels, selected)
     meshes = mesh_elements(model, deflection_m=settings.mesh_deflection_m, workers=settings.workers, building=selected)
@@ -127,8 +129,8 @@ def choose_site_origin(georeference: ModelGeoreference, centre_ifc_m: Float64x3)
 
     If the model's origin is far from the building (a false origin), the centre of the building is used instead.
     """
-    own, centre = georeference.geo_from_ifc(np.vstack([np.zeros(3), centre_ifc_m]))
-    lon, lat, height = centre if np.linalg.norm(centre_ifc_m) > _FALSE_ORIGIN_M else own
+    anchor_ifc_m = centre_ifc_m if np.linalg.norm(centre_ifc_m) > _FALSE_ORIGIN_M else np.zeros(3)
+    lon, lat, height = georeference.geo_from_ifc(anchor_ifc_m[None])[0]
     return SiteOrigin(
         lon_deg=round(float(lon), 4), lat_deg=round(float(lat), 4), height_ellipsoidal_m=round(float(height), -1)
     )

@@ -25,6 +25,7 @@ from facadelake.building.model_georeference.map_placement import (
     REGISTRY_LEVEL,
     MapPlacement,
     ModelGeoreference,
+    accept_operation,
     geo_from_map,
     require_origin_near,
 )
@@ -34,7 +35,13 @@ from facadelake.building.storeys import StoreyElevation, StoreyLevel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import Float64Nx2, Float64Nx3, Float64x3, Int64Nx3
 from facadelake.core.errors import GeoreferenceError, ModelError
-from facadelake.core.geodesy import AREA_MARGIN_DEG, SiteOrigin, is_in_area_of_use, name_area_of_use, promote_to_3d
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.proj.crs import (
+    AREA_MARGIN_DEG,
+    is_in_area_of_use,
+    name_area_of_use,
+    promote_to_3d,
+)
 from facadelake.core.tables import table_from_rows
 from facadelake.registry import UNITS_M
 from schemas.vocabulary import SurfaceKind
@@ -53,8 +60,9 @@ class MeshModelSettings:
     ``map_crs``: the projected CRS; ``vertical_datum``: "ellipsoidal" or a vertical CRS such as "EPSG:7837".
     ``placement`` or ``offset_file``: position of the mesh's origin on the map; without either its coordinates are map
     coordinates. ``axes`` and ``unit`` (a key of ``UNITS_M``): how the mesh is read; None takes the format's
-    default. ``origin``: origin of the site frame; None derives it from
-    the building.
+    default. ``origin``: origin of the site frame; None derives it from the building.
+    ``accepted_operation_accuracy_m``: accuracy of a coordinate operation that is accepted where a better one lacks its
+    grid.
     """
 
     map_crs: str | None = None
@@ -64,6 +72,7 @@ class MeshModelSettings:
     origin: SiteOrigin | None = None
     axes: MeshAxes | None = None
     unit: str | None = None
+    accepted_operation_accuracy_m: float | None = None
     storeys: Sequence[StoreyElevation] = ()
 
 
@@ -302,6 +311,7 @@ def _describe_placement(settings: MeshModelSettings, offset: MeshOffset | None, 
 
 def _create_building(origin: SiteOrigin, georeference: ModelGeoreference, settings: MeshModelSettings) -> BuildingModel:
     """The building without a surface."""
+    georeference = accept_operation(georeference, origin, settings.accepted_operation_accuracy_m)
     building = BuildingModel(
         origin=origin,
         map_crs=georeference.map_crs,

@@ -36,7 +36,8 @@ from facadelake.building.model_georeference.site_placement import (
 )
 from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.geodesy import AREA_MARGIN_DEG, is_in_area_of_use
+from facadelake.core.proj.crs import AREA_MARGIN_DEG, is_in_area_of_use
+from facadelake.core.proj.operations import require_best
 
 _BUILDING_LENGTH_M = 50.0  # length over which an angle is converted to metres
 
@@ -46,7 +47,8 @@ class GeoreferenceCandidates:
     """All possible georeferences of a model, the preferred one first.
 
     ``as_map_coordinates`` interprets the model's coordinates as map coordinates. ``accept_level`` is the lowest
-    LoGeoRef level that the portfolio accepts although its accuracy is metres. ``true_north_deg``: see
+    LoGeoRef level that the portfolio accepts although its accuracy is metres, ``accepted_operation_accuracy_m`` the
+    accuracy of a coordinate operation accepted where a better one lacks its grid. ``true_north_deg``: see
     ``read_true_norths_deg``. ``site`` is IfcSite's latitude and longitude, None if not given. ``conflicts`` are
     statements of the IFC that contradict one another, by the level that would use them. ``remarks`` apply to all.
     """
@@ -54,6 +56,7 @@ class GeoreferenceCandidates:
     candidates: tuple[ModelGeoreference, ...]
     as_map_coordinates: ModelGeoreference
     accept_level: int | None
+    accepted_operation_accuracy_m: float | None
     true_north_deg: float | None
     site: GeographicAnchor | None
     lower_levels: str
@@ -70,6 +73,7 @@ def find_georeferences(
     control: Sequence[ControlPair] = (),
     accept_level: int | None = None,
     map_unit: LengthUnit | None = None,
+    accepted_operation_accuracy_m: float | None = None,
 ) -> GeoreferenceCandidates:
     """Find the possible georeferences of a model; the portfolio's statements take precedence over the IFC's.
 
@@ -81,6 +85,8 @@ def find_georeferences(
         control: pairs of points of the model and of the map by the portfolio; used before ``placement``.
         accept_level: lowest LoGeoRef level that is accepted although its accuracy is metres.
         map_unit: unit of the IFC's map coordinates by the portfolio; None takes MapUnit.
+        accepted_operation_accuracy_m: accuracy of a coordinate operation that is accepted where a better one lacks its
+            grid.
 
     Returns:
         The candidates, the preferred one first; ``select_georeference`` checks them against the geometry.
@@ -135,12 +141,14 @@ def find_georeferences(
         found = _read_ifc_candidates(model, as_map, site, north, world, map_unit)
     if worlds:
         found = [candidate if candidate.level == "40" else _note_unused_world(candidate) for candidate in found]
-    # Raises if PROJ lacks a grid, before the elements are meshed.
-    (found[0] if found else as_map).is_in_area_of_use(np.zeros(3))
+    if found and found[0].is_in_area_of_use(np.zeros(3)):
+        # Raises if PROJ lacks a grid, before the elements are meshed.
+        require_best(found[0].find_operation(np.zeros(3)), accepted_operation_accuracy_m)
     return GeoreferenceCandidates(
         candidates=tuple(found),
         as_map_coordinates=as_map,
         accept_level=accept_level,
+        accepted_operation_accuracy_m=accepted_operation_accuracy_m,
         true_north_deg=north,
         site=site,
         lower_levels=lower_levels,

@@ -10,8 +10,8 @@ from pyproj.enums import PJType
 from pyproj.exceptions import CRSError
 
 from facadelake.core.errors import GeoreferenceError
+from facadelake.core.proj.crs import ELLIPSOIDAL
 
-ELLIPSOIDAL = "ellipsoidal"
 # A datum that is stated as an ellipsoid, by its whole text: "reference ellipsoid GRS80, heights DHHN92" is not.
 _ELLIPSOID = r"(?:grs ?(?:19)?80|wgs ?(?:19)?84|etrs ?(?:19)?89)"
 _ELLIPSOIDAL = re.compile(

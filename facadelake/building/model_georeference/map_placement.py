@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from facadelake.building.model_georeference.crs_parsing import ELLIPSOIDAL
 from facadelake.core.arrays import Float64N, Float64Nx3, Float64x3, Float64x3x3
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.geodesy import (
-    AREA_MARGIN_DEG,
-    GEO,
-    SiteOrigin,
-    is_in_area_of_use,
-    promote_to_3d,
-    transform,
-)
+from facadelake.core.geodesy import SiteOrigin, find_operation, transform
+from facadelake.core.proj.crs import AREA_MARGIN_DEG, GEO, combine_crs, mask_in_area_of_use, promote_to_3d
+from facadelake.core.proj.operations import PlacedOperation, describe_poor_operation, require_best
 
 REGISTRY_LEVEL = "registry"  # stands in for a LoGeoRef level
 MIN_MAP_COORDINATE_M = 10_000.0  # coordinates beyond this are map coordinates; a building's own are smaller
@@ -73,17 +67,29 @@ class ModelGeoreference:
         return geo_from_map(self.placement.map_from_ifc(xyz_ifc_m), self.map_crs, self.vertical_datum)
 
     def is_in_area_of_use(self, xyz_ifc_m: Float64x3, *, margin_deg: float = AREA_MARGIN_DEG) -> bool:
-        """Whether a model point (3,) is in the CRS's area of use, or up to ``margin_deg`` outside it.
+        """Whether a model point (3,) is in the CRS's area of use, or up to ``margin_deg`` outside it."""
+        compound, units = _combine_crs(self.map_crs, self.vertical_datum)
+        xyz_map = self.placement.map_from_ifc(xyz_ifc_m[None]) / units
+        return bool(mask_in_area_of_use(xyz_map, compound, margin_deg)[0])
 
-        Raises GeoreferenceError if PROJ lacks a grid.
-        """
-        try:
-            lon, lat, _ = self.geo_from_ifc(xyz_ifc_m[None])[0]
-        except GeoreferenceError as error:
-            if "domain" in str(error):
-                return False
-            raise
-        return is_in_area_of_use(self.map_crs, float(lon), float(lat), margin_deg)
+    def find_operation(self, xyz_ifc_m: Float64x3) -> PlacedOperation:
+        """The operation from the map to EPSG:4979 at a model point (3,). Raises GeoreferenceError if there is none."""
+        lon, lat, _ = self.geo_from_ifc(xyz_ifc_m[None])[0].tolist()
+        return find_operation(combine_crs(self.map_crs, self.vertical_datum), GEO, lon_deg=lon, lat_deg=lat)
+
+
+def accept_operation(
+    georeference: ModelGeoreference, origin: SiteOrigin, accepted_accuracy_m: float | None
+) -> ModelGeoreference:
+    """The georeference with a remark on a poor operation to EPSG:4979.
+
+    Raises GeoreferenceError where a better one lacks its grid, unless its accuracy is accepted.
+    """
+    crs = combine_crs(georeference.map_crs, georeference.vertical_datum)
+    operation = find_operation(crs, GEO, lon_deg=origin.lon_deg, lat_deg=origin.lat_deg)
+    require_best(operation, accepted_accuracy_m)
+    remarks = "; ".join(filter(None, [georeference.remarks, describe_poor_operation(operation)]))
+    return replace(georeference, remarks=remarks)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,5 +177,5 @@ def place_upright(grid: GridFactors, *, anchor_ifc_m: Float64x3, x_axis_deg: flo
 
 def _combine_crs(map_crs: str, vertical_datum: str) -> tuple[str, Float64N]:
     """The CRS with height, and metres per unit of its three axes (3,)."""
-    compound = map_crs if vertical_datum == ELLIPSOIDAL else f"{map_crs}+{vertical_datum.removeprefix('EPSG:')}"
+    compound = combine_crs(map_crs, vertical_datum)
     return compound, np.array([axis.unit_conversion_factor for axis in promote_to_3d(compound).axis_info])

@@ -13,7 +13,6 @@ import numpy as np
 import pyproj
 
 from facadelake.building.model_georeference.candidates import GeoreferenceCandidates
-from facadelake.building.model_georeference.crs_parsing import ELLIPSOIDAL
 from facadelake.building.model_georeference.map_placement import (
     MIN_MAP_COORDINATE_M,
     GridFactors,
@@ -24,7 +23,8 @@ from facadelake.building.model_georeference.map_placement import (
 from facadelake.building.model_georeference.site_placement import GeographicAnchor
 from facadelake.core.arrays import Float64Array, Float64x3
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.geodesy import is_in_area_of_use, name_area_of_use
+from facadelake.core.proj.crs import ELLIPSOIDAL, is_in_area_of_use, name_area_of_use
+from facadelake.core.proj.operations import describe_poor_operation, require_best
 from facadelake.registry import UNITS_M
 
 _log = logging.getLogger(__name__)
@@ -77,11 +77,14 @@ def select_georeference(candidates: GeoreferenceCandidates, extent_ifc_m: Float6
         )
     require_possible_heights(selected, extent_ifc_m)
     _check_accuracy(selected, candidates.accept_level)
+    operation = selected.find_operation(centre)
+    require_best(operation, candidates.accepted_operation_accuracy_m)
     geo = selected.geo_from_ifc(centre[None])[0]
     grid = compute_grid_factors(geo, selected.map_crs, selected.vertical_datum)
     _require_possible_scale(selected, grid)
     notes = [
         selected.remarks,
+        describe_poor_operation(operation),
         *candidates.remarks,
         _describe_margin(selected, geo),
         _describe_height_unit(selected),

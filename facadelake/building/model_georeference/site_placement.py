@@ -31,7 +31,8 @@ from facadelake.building.model_georeference.map_placement import (
 )
 from facadelake.core.arrays import Float64Array, Float64x3
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.geodesy import GEO, check_area_of_use, transform
+from facadelake.core.geodesy import transform
+from facadelake.core.proj.crs import GEO, check_area_of_use
 
 _MIN_SITE_SIGMA_M = 10.0  # authoring tools take the position from a map or an address, however many digits they write
 _SAME_NORTH_DEG = 0.01  # 1 cm over a facade of 50 m

@@ -8,7 +8,8 @@ import numpy as np
 import pyproj
 
 from facadelake.core.arrays import Float64Nx3, Float64x4x4
-from facadelake.core.geodesy import GEO, SiteOrigin, transform
+from facadelake.core.geodesy import SiteOrigin, transform
+from facadelake.core.proj.crs import GEO
 from facadelake.demo.recipe import DemoPlace
 
 

@@ -16,13 +16,13 @@ from pathlib import Path
 
 import numpy as np
 import pyproj
-from pyproj.crs import CompoundCRS
-from pyproj.exceptions import CRSError
 
 from facadelake.core.arrays import Float64Nx3
 from facadelake.core.errors import GeoreferenceError, InputDataError
-from facadelake.core.geodesy import GEO, SiteOrigin, check_area_of_use, promote_to_3d, transform
 from facadelake.core.photo_names import PhotoNames
+from facadelake.core.proj.crs import check_area_of_use, combine_crs, mask_in_area_of_use, promote_to_3d
+from facadelake.georeferencing.datum_shift import site_from_crs
+from facadelake.georeferencing.site_frame import SiteFrame
 
 _UTM = re.compile(r"^WGS\s*84\s+UTM\s+(\d{1,2})\s*([NS])$", re.IGNORECASE)
 # The name of a photograph, which may hold blanks: in quotes, else up to the suffix of an image file.
@@ -265,19 +265,36 @@ def match_marks(surveyed: SurveyedPoints, photo_ids: Iterable[str]) -> SurveyedP
     return replace(surveyed, points=tuple(points), remarks=tuple(remarks))
 
 
-def transform_to_site(surveyed: SurveyedPoints, *, origin: SiteOrigin, vertical_datum: str) -> Float64Nx3:
-    """The points (n, 3) in site metres.
+def transform_to_site(surveyed: SurveyedPoints, site_frame: SiteFrame) -> Float64Nx3:
+    """The points (n, 3) in site metres; NaN for a point outside the area of use of its CRS, where most are inside.
 
-    Where the file's CRS has no vertical part, heights are taken in ``vertical_datum`` ("ellipsoidal" or a vertical CRS
-    such as "EPSG:5783"), the model's: surveyor and model share it in most cases. Raises GeoreferenceError for points
-    outside the area of use of their CRS.
+    Where the file's CRS has no vertical part, heights are taken in the model's vertical datum: surveyor and model share
+    it in most cases. Their unit is that of east and north in a projected CRS, as PROJ reads ``+units`` without
+    ``+vunits``. Raises GeoreferenceError where half of the points or more are outside.
     """
     xyz = np.array([[point.x, point.y, point.z] for point in surveyed.points]).reshape(-1, 3)
+    inside = mask_in_area_of_use(xyz, surveyed.crs)
+    if 2 * inside.sum() <= len(xyz):
+        try:
+            check_area_of_use(xyz, surveyed.crs)
+        except GeoreferenceError as error:
+            raise GeoreferenceError(f"control points {surveyed.source}: {error}") from error
+    xyz[:, 2] *= get_height_unit_m(surveyed.crs)
+    xyz_site = np.full(xyz.shape, np.nan)
+    crs = add_vertical_datum(surveyed.crs, site_frame.vertical_datum)
     try:
-        check_area_of_use(xyz, surveyed.crs)
+        xyz_site[inside] = site_from_crs(xyz[inside], crs, site_frame)
     except GeoreferenceError as error:
         raise GeoreferenceError(f"control points {surveyed.source}: {error}") from error
-    return origin.site_from_geo(transform(xyz, add_vertical_datum(surveyed.crs, vertical_datum), GEO))
+    return xyz_site
+
+
+def get_height_unit_m(crs: str) -> float:
+    """Metres per unit of heights that are given in ``crs`` without a vertical part: the unit of a projected CRS."""
+    parsed = pyproj.CRS.from_user_input(crs)
+    if has_own_heights(crs) or not parsed.is_projected:
+        return 1.0  # PROJ converts the unit of a height axis
+    return float(parsed.axis_info[0].unit_conversion_factor)
 
 
 def has_own_heights(crs: str) -> bool:
@@ -288,14 +305,4 @@ def has_own_heights(crs: str) -> bool:
 
 def add_vertical_datum(crs: str, vertical_datum: str) -> str:
     """``crs`` with heights: its own, else those of ``vertical_datum``."""
-    if has_own_heights(crs) or not vertical_datum.upper().startswith("EPSG:"):
-        return crs
-    try:
-        horizontal, vertical = pyproj.CRS.from_user_input(crs), pyproj.CRS.from_user_input(vertical_datum)
-        compound = CompoundCRS(name=f"{horizontal.name} + {vertical.name}", components=[horizontal, vertical])
-    except CRSError as error:
-        raise GeoreferenceError(
-            f"the control points' CRS {crs} cannot be combined with the vertical CRS {vertical_datum}: {error}; "
-            "name a compound CRS in the header of the control points"
-        ) from error
-    return str(compound.to_wkt())
+    return crs if has_own_heights(crs) else combine_crs(crs, vertical_datum)

@@ -9,13 +9,14 @@ import numpy as np
 from facadelake.core.arrays import BoolArray, Float64Nx2, Float64Nx3, Float64x3, Int64Array
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
-from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.gcp.control_points import (
     SurveyedPoints,
+    get_height_unit_m,
     has_own_heights,
     transform_to_site,
 )
 from facadelake.georeferencing.similarity_fit import fit_similarity
+from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.georeferencing.triangulation import ImageRay, Intersection, intersect_rays
 from facadelake.sfm import Reconstruction
 
@@ -83,15 +84,14 @@ def _intersect(reconstruction: Reconstruction, photo: Int64Array, xy_img: Float6
 
 
 def place_by_control_points(
-    reconstruction: Reconstruction, surveyed: SurveyedPoints | None, origin: SiteOrigin, vertical_datum: str
+    reconstruction: Reconstruction, surveyed: SurveyedPoints | None, site_frame: SiteFrame
 ) -> ControlPointPlacement:
     """Similarity to the control points that agree with one another.
 
     Args:
         reconstruction: the free block.
         surveyed: the control points with their marks.
-        origin: origin of the site frame.
-        vertical_datum: datum of heights whose CRS has no vertical part.
+        site_frame: the building's site frame; its vertical datum is that of heights whose CRS has no vertical part.
 
     Returns:
         the placement, with remarks on points that are not used.
@@ -104,10 +104,11 @@ def place_by_control_points(
             "georeferencing by control points was requested, but none are given; add a gcp_list.txt"
         )
     names = tuple(point.name for point in surveyed.points)
-    xyz_site = transform_to_site(surveyed, origin=origin, vertical_datum=vertical_datum)
+    xyz_site = transform_to_site(surveyed, site_frame)
+    outside = np.isnan(xyz_site).any(axis=1)
     marks = intersect_marks(reconstruction, surveyed)
-    usable = np.array([mark is not None for mark in marks])
-    unusable = [name for name, good in zip(names, usable, strict=True) if not good]
+    usable = np.array([mark is not None for mark in marks]) & ~outside
+    unusable = [name for name, mark in zip(names, marks, strict=True) if mark is None]
     if usable.sum() < MIN_CONTROL_POINTS:
         raise GeoreferenceError(
             f"{usable.sum()} of {len(names)} control points of {surveyed.source} can be used, "
@@ -115,7 +116,7 @@ def place_by_control_points(
             f"match the files (not usable: {', '.join(unusable) or 'none'})"
             + "".join(f"; {remark}" for remark in surveyed.remarks)
         )
-    xyz_sfm = np.array([mark.xyz_sfm for mark in marks if mark is not None])
+    xyz_sfm = np.array([mark.xyz_sfm for mark, good in zip(marks, usable, strict=True) if mark is not None and good])
     fit = fit_similarity(xyz_sfm, xyz_site[usable], np.full(xyz_sfm.shape, _CONTROL_SIGMA_M))
     if 2 * fit.used.sum() <= usable.sum():
         raise GeoreferenceError(
@@ -127,11 +128,14 @@ def place_by_control_points(
     remarks = []
     if unusable:
         remarks.append(f"control points not usable (fewer than 2 agreeing marks): {', '.join(unusable)}")
+    if outside.any():
+        names_outside = [names[row] for row in np.flatnonzero(outside)]
+        remarks.append(f"control points left out, outside the area of use of their CRS: {', '.join(names_outside)}")
     if not fit.used.all():
         gross_errors = [names[row] for row in np.flatnonzero(usable & ~agree)]
         remarks.append(f"control points left out as gross errors: {', '.join(gross_errors)}")
     if not has_own_heights(surveyed.crs):
-        remarks.append(f"the control points' heights have no stated datum: taken in the model's ({vertical_datum})")
+        remarks.append(_describe_heights(surveyed.crs, site_frame.vertical_datum))
     return ControlPointPlacement(
         site_from_sfm=fit.target_from_source,
         names=names,
@@ -140,3 +144,10 @@ def place_by_control_points(
         agree=agree,
         remarks=tuple(remarks),
     )
+
+
+def _describe_heights(crs: str, vertical_datum: str) -> str:
+    """Remark on heights whose CRS has no vertical part."""
+    unit_m = get_height_unit_m(crs)
+    unit = "" if unit_m == 1.0 else f" and in the unit of east and north ({unit_m:.7g} m)"
+    return f"the control points' heights have no stated datum: taken in the model's ({vertical_datum}){unit}"

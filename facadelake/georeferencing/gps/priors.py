@@ -9,7 +9,8 @@ import pyarrow as pa
 from scipy.spatial.transform import Rotation
 
 from facadelake.core.arrays import Float64Array, Float64N, Float64Nx3, Float64Nx3x3, Float64x3, Float64x3x3, Int64Array
-from facadelake.core.geodesy import SiteOrigin
+from facadelake.georeferencing.datum_shift import DatumShift, find_datum_shift, site_from_crs
+from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.sfm import Reconstruction
 from schemas.vocabulary import HeightDatum, PositionSource
 
@@ -29,6 +30,7 @@ class GpsPriors:
     may be off by one common amount (tens of metres, where they are above sea level). ``site_from_cam_rotation``
     (n, 3, 3) from the gimbal, NaN where unknown, with ``sigma_yaw_deg`` and ``sigma_tilt_deg`` (n,), NaN where the
     metadata state none. ``flight`` (n,) from 0. ``height_relative_m`` (n,) above the take-off, NaN where unknown.
+    ``datum_shift``: from the datum of the positions to that of the model; an error that all flights share.
     """
 
     photo: Int64Array
@@ -40,6 +42,7 @@ class GpsPriors:
     sigma_tilt_deg: Float64N
     flight: Int64Array
     height_relative_m: Float64N
+    datum_shift: DatumShift | None = None
 
     def shift_height(self, up_m: float) -> GpsPriors:
         """The same priors with ``up_m`` added to their heights."""
@@ -47,15 +50,27 @@ class GpsPriors:
 
     @property
     def total_sigma_m(self) -> Float64Nx3:
-        """One sigma (n, 3) of each position, with that of an unknown height datum."""
-        datum = np.array([0.0, 0.0, DATUM_SIGMA_M if self.datum_unknown else 0.0])
-        total: Float64Array = np.hypot(self.sigma_m, datum)
+        """One sigma (n, 3) of each position in the model's datum, with that of an unknown height datum."""
+        total: Float64Array = np.maximum(np.hypot(self.sigma_m, self.datum_sigma_m), self.convention_m)
         return total
 
     @property
     def common_sigma_m(self) -> Float64x3:
-        """One sigma (3,) of the error that all priors share: the receiver's, and an unknown height datum's."""
+        """One sigma (3,) of the error that all priors share: the receiver's, and that of their datums."""
         sigma: Float64Array = np.median(self.total_sigma_m, axis=0)
+        return sigma
+
+    @property
+    def convention_m(self) -> float:
+        """Accuracy at which the datum of the positions is taken as that of the model without a shift; 0: it is not."""
+        return 0.0 if self.datum_shift is None else self.datum_shift.convention_m
+
+    @property
+    def datum_sigma_m(self) -> Float64x3:
+        """One sigma (3,) of the shift to the model's datum, and of an unknown height datum."""
+        sigma = np.zeros(3) if self.datum_shift is None else self.datum_shift.sigma_m.copy()
+        if self.datum_unknown:
+            sigma[2] = np.hypot(sigma[2], DATUM_SIGMA_M)
         return sigma
 
 
@@ -70,8 +85,11 @@ def rotation_from_attitude(yaw_deg: float, pitch_deg: float, roll_deg: float) ->
     return rotation
 
 
-def collect_gps_priors(reconstruction: Reconstruction, photos: pa.Table, origin: SiteOrigin) -> GpsPriors:
-    """The priors of the block's photographs from table ``photos``, in the site frame about ``origin``."""
+def collect_gps_priors(reconstruction: Reconstruction, photos: pa.Table, site_frame: SiteFrame) -> GpsPriors:
+    """The priors of the block's photographs from table ``photos``, in site.
+
+    Raises GeoreferenceError where PROJ has no operation from their CRS to that of the model.
+    """
     row_of = {row["photo_id"]: row for row in photos.to_pylist()}
     index: list[int] = []
     geo, sigma, rotations, attitude_sigma, flights, relative = [], [], [], [], [], []
@@ -95,7 +113,8 @@ def collect_gps_priors(reconstruction: Reconstruction, photos: pa.Table, origin:
     attitude_sigmas = np.array(attitude_sigma).reshape(-1, 2)
     return GpsPriors(
         photo=np.array(index, dtype=np.int64),
-        xyz_site_m=origin.site_from_geo(np.array(geo).reshape(-1, 3)),
+        xyz_site_m=site_from_crs(np.array(geo).reshape(-1, 3), site_frame.gnss_crs, site_frame),
+        datum_shift=find_datum_shift(site_frame.gnss_crs, site_frame),
         sigma_m=np.hypot(np.array(sigma).reshape(-1, 3), BLOCK_SIGMA_M),
         datum_unknown=datums != {HeightDatum.ELLIPSOIDAL},
         site_from_cam_rotation=np.array(rotations).reshape(-1, 3, 3),

@@ -6,7 +6,7 @@ import numpy as np
 
 from facadelake.core.arrays import BoolArray, Float64Nx3, Float64x3
 from facadelake.georeferencing.adjustment.problem import AttitudeTerms, PositionTerms
-from facadelake.georeferencing.gps.priors import ATTITUDE_SIGMA_DEG, DATUM_SIGMA_M, GpsPriors
+from facadelake.georeferencing.gps.priors import ATTITUDE_SIGMA_DEG, GpsPriors
 
 # The part of a prior's sigma that differs from photograph to photograph, where a flight is too short to estimate it.
 _NOISE_SHARE = 1.0 / 3.0
@@ -17,11 +17,23 @@ _YAW_NOISE_DEG = 2.0
 _TILT_SIGMA_DEG = 2.0
 
 
-def build_position_terms(priors: GpsPriors, used: BoolArray, initial_xyz_m: Float64Nx3) -> PositionTerms:
+def build_position_terms(
+    priors: GpsPriors, used: BoolArray, initial_xyz_m: Float64Nx3, *, convention_m: float = 0.0
+) -> PositionTerms:
     """The ``used`` priors (n,) as observations.
 
-    The noise is estimated from their scatter about ``initial_xyz_m`` (n, 3), the initial camera centres in site, after
-    each flight's common offset is removed; the offset of a flight has the sigma of its priors.
+    The noise is estimated from their scatter about the initial camera centres after each flight's common offset is
+    removed; the offset of a flight has the sigma of its priors.
+
+    Args:
+        priors: the GPS priors.
+        used: those (n,) that take part.
+        initial_xyz_m: initial camera centres (n, 3) of their photographs, in site.
+        convention_m: least sigma of an offset beside better control: accuracy at which WGS 84 is taken as the model's
+            datum.
+
+    Returns:
+        the observations.
     """
     flights = int(priors.flight.max(initial=-1)) + 1
     noise = priors.sigma_m * _NOISE_SHARE
@@ -29,8 +41,6 @@ def build_position_terms(priors: GpsPriors, used: BoolArray, initial_xyz_m: Floa
     for flight in range(flights):
         rows = used & (priors.flight == flight)
         offset[flight] = np.median(priors.sigma_m[rows], axis=0) if rows.any() else 1.0
-        if priors.datum_unknown:
-            offset[flight, 2] = np.hypot(offset[flight, 2], DATUM_SIGMA_M)
         if rows.sum() >= _MIN_PRIORS_FOR_SCATTER:
             residual = priors.xyz_site_m[rows] - initial_xyz_m[rows]
             scatter = _MAD_TO_SIGMA * np.median(np.abs(residual - np.median(residual, axis=0)), axis=0)
@@ -40,7 +50,7 @@ def build_position_terms(priors: GpsPriors, used: BoolArray, initial_xyz_m: Floa
         flight=priors.flight[used],
         xyz_site_m=priors.xyz_site_m[used],
         sigma_m=noise[used],
-        offset_sigma_m=offset,
+        offset_sigma_m=np.maximum(np.hypot(offset, priors.datum_sigma_m), convention_m),
     )
 
 

@@ -19,6 +19,7 @@ from facadelake.core.geodesy import SITE_AXES
 from facadelake.core.photo_names import PhotoNames
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.acceptance import require_accuracy
+from facadelake.georeferencing.datum_shift import DatumShift, build_operation_columns, describe_datum_shift
 from facadelake.georeferencing.gcp.control_points import SurveyedPoints, match_marks
 from facadelake.georeferencing.imported.plausibility import check_plausibility
 from facadelake.georeferencing.imported.records import ImportedPose, ImportedPoses
@@ -39,6 +40,7 @@ from schemas.vocabulary import ControlKind, PhotoOutcome, PoseSource
 # Accuracy of a good bundle adjustment on a building; assumed where the file states no sigma.
 SIGMA_POSITION_M = 0.02
 SIGMA_ATTITUDE_DEG = 0.02
+_REMEDY = "import more accurate poses, or leave them out and place the photographs by control points or the model"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,6 +100,7 @@ def place_imported_poses(
             f"{without_sigma} of {len(posed)} poses state no sigma: {SIGMA_POSITION_M * 100:g} cm and "
             f"{SIGMA_ATTITUDE_DEG:g} deg are assumed"
         )
+    shift = imported.world.find_datum_shift(site_frame)
     if unmatched:
         remarks.append(f"{len(unmatched)} poses belong to no photograph of this campaign ({unmatched[0]})")
     rows = []
@@ -111,9 +114,10 @@ def place_imported_poses(
         }
         if photo_id in posed:
             stated = covariance[photo_id]
-            pose = build_pose_columns(
-                posed[photo_id], _build_assumed_covariance() if stated is None else stated, site_frame.origin
-            )
+            total = (_build_assumed_covariance() if stated is None else stated).copy()
+            if shift is not None:
+                total[:3, :3] += shift.covariance_m2
+            pose = build_pose_columns(posed[photo_id], total, site_frame.origin)
             rows.append(columns | {"pose_source": PoseSource.IMPORTED} | pose)
         else:
             reason = reasons.get(photo_id, f"{imported.source} has no pose for it")
@@ -122,7 +126,7 @@ def place_imported_poses(
     matched = [match_marks(file, photo_ids) for file in surveyed]
     remarks += [remark for file in matched for remark in file.remarks]
     validation = validate_imported_poses(posed, accepted, matched, site_frame)
-    sigma_m = _require_accuracy(poses, validation, placement_sigma_max_m)
+    sigma_m = _require_accuracy(poses, validation, shift, placement_sigma_max_m)
     cameras = list(posed.values())
     lowest_m, highest_m = surface.vertices_site_m[:, 2].min(), surface.vertices_site_m[:, 2].max()
     checks = (
@@ -140,7 +144,15 @@ def place_imported_poses(
     )
     return ImportedPlacement(
         poses=poses,
-        georeference=_build_passport(imported, poses, site_frame, [*disagreements, *remarks], validation, sigma_m),
+        georeference=_build_passport(
+            imported,
+            poses,
+            site_frame=site_frame,
+            shift=shift,
+            remarks=[*disagreements, *remarks],
+            validation=validation,
+            sigma_m=sigma_m,
+        ),
         placement_checks=build_checks_table(checks),
         georeference_points=build_points_table(validation.points, site_frame.origin),
         localised=len(posed),
@@ -233,9 +245,23 @@ def _transform_to_site(
         return results
 
 
-def _require_accuracy(poses: pa.Table, validation: ImportValidation, limit_m: float) -> Float64x3:
-    """Median sigma (3,) of the imported poses. Raises GeoreferenceError beyond the limit, or where surveyed points
-    contradict the poses."""
+def _require_accuracy(
+    poses: pa.Table, validation: ImportValidation, shift: DatumShift | None, limit_m: float
+) -> Float64x3:
+    """Median sigma (3,) of the imported poses.
+
+    Args:
+        poses: table ``poses``.
+        validation: residuals at surveyed points.
+        shift: the shift from the poses' datum to that of the model.
+        limit_m: limit of the median sigma.
+
+    Returns:
+        the sigma.
+
+    Raises:
+        GeoreferenceError: it exceeds the limit, or surveyed points contradict the poses.
+    """
     rows = [row for row in poses.to_pylist() if row["pose_source"] == PoseSource.IMPORTED]
     sigma_m = np.array([np.median([row[f"sigma_{axis}_m"] for row in rows]) for axis in SITE_AXES])
     require_accuracy(
@@ -243,7 +269,7 @@ def _require_accuracy(poses: pa.Table, validation: ImportValidation, limit_m: fl
         sigma_m=sigma_m,
         limit_m=limit_m,
         held_out_m=validation.held_out_m,
-        remedy="import more accurate poses, or leave them out and place the photographs by control points or the model",
+        remedy="; ".join(filter(None, [describe_datum_shift(shift, sigma_m), _REMEDY])),
     )
     return sigma_m
 
@@ -251,7 +277,9 @@ def _require_accuracy(poses: pa.Table, validation: ImportValidation, limit_m: fl
 def _build_passport(
     imported: ImportedPoses,
     poses: pa.Table,
+    *,
     site_frame: SiteFrame,
+    shift: DatumShift | None,
     remarks: Sequence[str],
     validation: ImportValidation,
     sigma_m: Float64x3,
@@ -262,6 +290,7 @@ def _build_passport(
         imported: the file of poses.
         poses: table ``poses``.
         site_frame: the building's site frame.
+        shift: the shift from the poses' datum to that of the model.
         remarks: remarks on the poses.
         validation: residuals at surveyed points and GPS.
         sigma_m: median sigma (3,) of the poses.
@@ -283,9 +312,17 @@ def _build_passport(
                 "points_total": len(imported.poses) + len(imported.unusable),
                 "scale": 1.0,
                 **validation.columns,
+                **build_operation_columns(site_frame, shift),
                 **{f"sigma_{axis}_m": float(s) for axis, s in zip(SITE_AXES, sigma_m, strict=True)},
                 "remarks": "; ".join(
-                    [*imported.remarks, *assumptions, *remarks, *validation.remarks, *site_frame.list_model_remarks()]
+                    [
+                        *filter(None, [describe_datum_shift(shift, sigma_m)]),
+                        *imported.remarks,
+                        *assumptions,
+                        *remarks,
+                        *validation.remarks,
+                        *site_frame.list_model_remarks(),
+                    ]
                 ),
             }
         ],

@@ -14,7 +14,8 @@ import numpy as np
 
 from facadelake.core.arrays import Float64Array, Float64x3x3
 from facadelake.core.errors import InputDataError
-from facadelake.core.geodesy import GEO, SiteOrigin
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.proj.crs import GEO
 from facadelake.georeferencing.imported.attitude import (
     CameraAxes,
     PitchZero,

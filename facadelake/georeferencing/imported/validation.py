@@ -10,7 +10,8 @@ import numpy as np
 
 from facadelake.core.arrays import Float64N, Float64Nx3, Int64Array
 from facadelake.core.camera import PosedCamera
-from facadelake.core.geodesy import SITE_AXES, SiteOrigin
+from facadelake.core.geodesy import SITE_AXES
+from facadelake.georeferencing.datum_shift import site_from_crs
 from facadelake.georeferencing.gcp.control_points import SurveyedPoints, transform_to_site
 from facadelake.georeferencing.gps.priors import DATUM_SIGMA_M
 from facadelake.georeferencing.passport import PassportPoint
@@ -69,7 +70,7 @@ def validate_imported_poses(
         and row["prior_source"] != PositionSource.NONE
         and None not in (row["prior_lon_deg"], row["prior_lat_deg"], row["prior_height_m"])
     ]
-    gps = _build_gps_points(posed, located, site_frame.origin)
+    gps = _build_gps_points(posed, located, site_frame)
     columns: dict[str, Any] = {"check_points": len(checks)}
     remarks = []
     if checks:
@@ -108,7 +109,7 @@ def _estimate_gps_sigma(row: Mapping[str, Any]) -> tuple[float, float, float]:
 def _build_check_points(
     posed: Mapping[str, PosedCamera], surveyed: SurveyedPoints, site_frame: SiteFrame
 ) -> list[PassportPoint]:
-    given = transform_to_site(surveyed, origin=site_frame.origin, vertical_datum=site_frame.vertical_datum)
+    given = transform_to_site(surveyed, site_frame)
     points = []
     for point, xyz in zip(surveyed.points, given, strict=True):
         rays = []
@@ -118,7 +119,7 @@ def _build_check_points(
                 xy = np.array([mark.x_px, mark.y_px])
                 rays.append(ImageRay(camera=camera.camera, world_from_cam=camera.site_from_cam, xy_img=xy))
         intersection = intersect_rays(rays)
-        if intersection is not None:
+        if intersection is not None and np.isfinite(xyz).all():
             points.append(
                 PassportPoint(
                     name=point.name,
@@ -132,11 +133,11 @@ def _build_check_points(
 
 
 def _build_gps_points(
-    posed: Mapping[str, PosedCamera], rows: Sequence[Mapping[str, Any]], origin: SiteOrigin
+    posed: Mapping[str, PosedCamera], rows: Sequence[Mapping[str, Any]], site_frame: SiteFrame
 ) -> list[PassportPoint]:
     """GPS of the ``rows`` of table ``photos``, against the imported camera centres."""
     geo = np.array([[row["prior_lon_deg"], row["prior_lat_deg"], row["prior_height_m"]] for row in rows])
-    given = origin.site_from_geo(geo.reshape(-1, 3))
+    given = site_from_crs(geo.reshape(-1, 3), site_frame.gnss_crs, site_frame)
     return [
         PassportPoint(
             name=row["photo_id"],

@@ -10,7 +10,9 @@ import numpy as np
 from facadelake.core.arrays import Float64Array, Float64Nx3, Float64Nx3x3
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
-from facadelake.core.geodesy import GEO, SiteOrigin, promote_to_3d, transform
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.proj.crs import promote_to_3d
+from facadelake.georeferencing.datum_shift import DatumShift, find_datum_shift, site_from_crs
 from facadelake.georeferencing.gcp.control_points import add_vertical_datum, has_own_heights
 from facadelake.georeferencing.site_frame import SiteFrame
 
@@ -61,6 +63,10 @@ class PoseWorld:
         crs = self.crs or site_frame.map_crs
         return crs if crs == SITE else add_vertical_datum(crs, site_frame.vertical_datum)
 
+    def find_datum_shift(self, site_frame: SiteFrame) -> DatumShift | None:
+        """The shift from the datum of the positions to that of the model; None for positions in site."""
+        return None if self.crs == SITE else find_datum_shift(self.resolve_crs(site_frame), site_frame)
+
     def describe_assumptions(self, site_frame: SiteFrame) -> list[str]:
         """Assumptions on what the file does not state, in words."""
         remarks = []
@@ -81,7 +87,7 @@ class PoseWorld:
     def _site_from_crs(self, xyz: Float64Nx3, site_frame: SiteFrame) -> Float64Nx3:
         if self.crs == SITE:
             return self._site_from_own_site(site_frame).apply(xyz)
-        return site_frame.origin.site_from_geo(transform(xyz, self.resolve_crs(site_frame), GEO))
+        return site_from_crs(xyz, self.resolve_crs(site_frame), site_frame)
 
     def _rotate_from_axes(self, xyz: Float64Nx3, site_frame: SiteFrame) -> Float64Nx3x3:
         """Rotations (n, 3, 3) from the CRS's axes at ``xyz`` (n, 3) to site: the Jacobian without its scale.

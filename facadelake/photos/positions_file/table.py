@@ -18,7 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from facadelake.core.errors import GeoreferenceError, InputDataError
-from facadelake.core.geodesy import GEO, transform
+from facadelake.core.geodesy import transform
+from facadelake.core.proj.crs import GEO
 from facadelake.photos.position_prior import (
     METRES_PER_DEGREE,
     SIGMA_DRONE,

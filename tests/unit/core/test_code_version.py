@@ -31,7 +31,7 @@ PLANTED = [
     ("deep import", "facadelake/building/model_georeference/map_placement.py", ["load_model"]),
     (
         "deep import",
-        "facadelake/building/model_georeference/crs_parsing.py",
+        "facadelake/core/proj/operations.py",
         ["load_model", "georeference", "merge", "draw"],
     ),
     ("deep import", "facadelake/registration/rays.py", ["register", "merge"]),

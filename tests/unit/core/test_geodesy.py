@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.geodesy import ECEF, GEO, SiteOrigin, check_area_of_use, promote_to_3d, transform
+from facadelake.core.geodesy import SiteOrigin, transform
+from facadelake.core.proj.crs import ECEF, GEO, check_area_of_use, promote_to_3d
 
 A, F = 6378137.0, 1 / 298.257223563  # WGS 84
 E2 = F * (2 - F)

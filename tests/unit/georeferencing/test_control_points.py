@@ -1,5 +1,6 @@
 """gcp_list.txt: what is read, and which photograph a name means; bad files are in tests/counterexamples."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.core.geodesy import SiteOrigin
+from facadelake.georeferencing import SiteFrame
 from facadelake.georeferencing.gcp.control_points import (
     SurveyedPoints,
     add_vertical_datum,
@@ -141,9 +143,10 @@ def test_coordinates_reach_the_site(tmp_path: Path) -> None:
     origin = SiteOrigin(lon_deg=8.4078, lat_deg=48.9405, height_ellipsoidal_m=180.0)
     east, north, height = origin.map_from_site(np.array([[10.0, 20.0, 3.0]]), "EPSG:25832")[0]
     points = read(tmp_path, f"EPSG:25832\n{east:.6f} {north:.6f} {height:.6f} 1 2 a.jpg\n")
-    site = transform_to_site(points, origin=origin, vertical_datum="ellipsoidal")
+    frame = SiteFrame(origin=origin, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50")
+    site = transform_to_site(points, frame)
     np.testing.assert_allclose(site, [[10, 20, 3]], rtol=0, atol=1e-4)  # m
     with pytest.raises(GeoreferenceError, match="grid"):
-        transform_to_site(points, origin=origin, vertical_datum="EPSG:7837")
-    assert "DHHN2016" in add_vertical_datum("EPSG:25832", "EPSG:7837")
+        transform_to_site(points, replace(frame, vertical_datum="EPSG:7837"))
+    assert add_vertical_datum("EPSG:25832", "EPSG:7837") == "EPSG:25832+7837"
     assert add_vertical_datum("EPSG:4979", "EPSG:7837") == "EPSG:4979"

@@ -6,7 +6,8 @@ import shapely
 
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.errors import InputDataError
-from facadelake.core.geodesy import GEO, transform
+from facadelake.core.geodesy import transform
+from facadelake.core.proj.crs import GEO
 from facadelake.registration.observation import observe_detections
 from facadelake.registration.settings import RegistrationSettings
 from schemas.vocabulary import ObservationOutcome
