@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,6 +25,8 @@ _BATCH = 500  # elements per iterator, which keeps all its shapes in memory
 _MAX_DISTANCE_M = 5_000.0  # from the median element; within it rays in float32 keep 0.3 mm
 _MAX_HEIGHT_M = 1_200.0  # no building is higher
 _MIN_SIZE_M = 0.5
+_HEADER_BYTES = 65_536
+_STRING = re.compile(rb"'(?:[^']|'')*'")
 _HEAD, _TAIL = b"ISO-10303-21;", b"END-ISO-10303-21;"
 # Openings, virtual boundaries, terrain and trees are elements in IFC but not part of the building's surface.
 _LEFT_OUT = ("IfcFeatureElement", "IfcVirtualElement", "IfcGeographicElement", "IfcOpeningElement")
@@ -47,7 +50,7 @@ def open_ifc(path: Path) -> ifcopenshell.file:
     try:
         size = path.stat().st_size
         with path.open("rb") as stream:
-            head = stream.read(256)
+            head = stream.read(_HEADER_BYTES)
             stream.seek(max(0, size - 4096))
             tail = stream.read()
     except OSError as error:
@@ -65,6 +68,10 @@ def open_ifc(path: Path) -> ifcopenshell.file:
             f"building model {path} is truncated: {size} bytes without the closing END-ISO-10303-21; "
             "copy or export it again"
         )
+    # A reference in the header ends the process in the parser.
+    header = _STRING.sub(b"''", head.split(b"ENDSEC", 1)[0])
+    if b"#" in header:
+        raise ModelError(f"the header of building model {path} refers to an entity; export it again")
     try:
         model = ifcopenshell.open(path)
         projects = model.by_type("IfcProject")

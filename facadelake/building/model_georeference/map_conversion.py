@@ -13,6 +13,7 @@ from typing import Any
 import ifcopenshell
 import numpy as np
 
+from facadelake.building.model_georeference.crs_parsing import ELLIPSOIDAL
 from facadelake.building.model_georeference.ifc_statements import (
     find_crs_entity,
     find_operation_entity,
@@ -29,7 +30,7 @@ from facadelake.building.model_georeference.length_units import (
     parse_unit_name,
     read_project_unit,
 )
-from facadelake.building.model_georeference.map_placement import MapPlacement
+from facadelake.building.model_georeference.map_placement import MapPlacement, compute_grid_factors, geo_from_map
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.proj.crs import promote_to_3d
 
@@ -134,7 +135,7 @@ def list_placements(
     """Yield the placements that the operation may mean, the standard's first.
 
     Exporters differ in the meaning of ``Scale`` and of an omitted ``MapUnit``, and write a MapUnit that is not that of
-    the CRS; only interpretations with a metre scale within 10 % of 1 are kept.
+    the CRS; only interpretations with a metre scale within 10 % of 1, or of the scale of the map there, are kept.
 
     Args:
         model: the IFC.
@@ -149,8 +150,9 @@ def list_placements(
     units = list(_list_map_units(model, operation, map_crs, map_unit, project))
     none_fits = True
     for one in units:
+        grid_factor = _compute_grid_factor(operation, one.unit.metres, map_crs)
         for metre_scale, scale_remark in _list_metre_scales(operation, one.unit.metres / project.metres):
-            if abs(metre_scale - 1) <= _MAX_SCALE_ERROR:
+            if min(abs(metre_scale - 1), abs(metre_scale / grid_factor - 1)) <= _MAX_SCALE_ERROR:
                 none_fits = False
                 remarks = (one.unit.remark, one.remark, scale_remark, _describe_scale(operation, metre_scale))
                 yield StatedPlacement(
@@ -217,6 +219,19 @@ def _require_same_shift(operation: CoordinateOperation, by_properties: Coordinat
             f"{operation.kind} gives east, north, height {shifts[0]}, ePSet_MapConversion {shifts[1]}; remove the "
             "wrong one, or set crs.placement in the portfolio"
         )
+
+
+def _compute_grid_factor(operation: CoordinateOperation, unit_m: float, map_crs: str) -> float:
+    """Map metres per metre on the ground at the model's origin; 1 where that is not on the map.
+
+    In EPSG:3857 it is 1.5 at 49 degrees.
+    """
+    map_m = np.array([[operation.east, operation.north, 0.0]]) * unit_m
+    try:
+        geo = geo_from_map(map_m, map_crs, ELLIPSOIDAL)[0]
+        return compute_grid_factors(geo, map_crs, ELLIPSOIDAL).combined_factor
+    except GeoreferenceError:
+        return 1.0
 
 
 def _list_metre_scales(operation: CoordinateOperation, unit_ratio: float) -> list[tuple[float, str]]:
