@@ -2,8 +2,8 @@
 
     .venv/bin/python -m benchmarks.fuzz_models [--inputs 3000] [--keep FOLDER]
 
-Hypothesis (of the development environment) writes small IFCs whose units, CRS, datum, map conversion, contexts, site and
-GlobalIds are stated in many ways, up to three of them wrong, contradictory or missing, and damages the text of every
+Hypothesis (of the development environment) writes small IFCs whose units, CRS, datum, map conversion, contexts, site
+and GlobalIds are stated in many ways, up to three of them wrong, contradictory or missing, and damages the text of every
 fourth. The inputs are the same in every run.
 
 The oracle knows what each file states. It reads the map conversion by the standard (ISO 16739-1): coordinates times
@@ -55,12 +55,13 @@ PLACES = [
 # Name and metres: the name is only compared with the factor.
 UNITS = {
     "metre": ("METRE", 1.0), "millimetre": ("MILLIMETRE", 0.001), "foot": ("FOOT", 0.3048),
-    "us foot": ("US SURVEY FOOT", US_FOOT_M), "revit us foot": ("FOOT_US", US_FOOT_M), "named foot": ("FOOT", US_FOOT_M),
-    "inch": ("INCH", 0.0254), "wrong factor": ("FOOT", 304.8),
+    "us foot": ("US SURVEY FOOT", US_FOOT_M), "revit us foot": ("FOOT_US", US_FOOT_M),
+    "named foot": ("FOOT", US_FOOT_M), "inch": ("INCH", 0.0254), "wrong factor": ("FOOT", 304.8),
 }  # fmt: skip
 ELLIPSOIDAL_TEXTS = ("ellipsoidal", "Ellipsoidal height", "GRS80", "ellipsoidal (GRS80)")
 OTHER_DATUMS = (
-    "not ellipsoidal", "reference ellipsoid GRS80, heights DHHN92", "local zero", "EPSG:25832", "EPSG:99999", "sea level",
+    "not ellipsoidal", "reference ellipsoid GRS80, heights DHHN92", "local zero", "EPSG:25832", "EPSG:99999",
+    "sea level",
 )  # fmt: skip
 DESCRIPTIONS = (
     None, "ETRS89 / UTM", "reference ellipsoid GRS80, heights DHHN92", "heights are not ellipsoidal", "Ellipsoid GRS80",
@@ -238,8 +239,9 @@ def _count_geometry_otherwise(draw: st.DrawFn, s: Statements) -> Statements:
 
 CHANGES = {
     "east and north exchanged": _exchange, "signs": _negate, "coordinates in another unit": _count_otherwise,
-    "height in another unit": _count_height_otherwise, "MapUnit": _change_map_unit, "project unit": _change_project_unit,
-    "second unit": _add_unit, "Scale": _change_scale, "vertical datum": _change_vertical, "CRS": _change_crs,
+    "height in another unit": _count_height_otherwise, "MapUnit": _change_map_unit,
+    "project unit": _change_project_unit, "second unit": _add_unit,
+    "Scale": _change_scale, "vertical datum": _change_vertical, "CRS": _change_crs,
     "MapZone": _add_zone, "x axis": _spoil_axis, "WorldCoordinateSystem": _shift_world, "TrueNorth": _add_norths,
     "IfcSite": _add_site, "second conversion": _add_conversion, "second CRS": _add_crs, "shared GlobalId": _share_guid,
     "geometry in another unit": _count_geometry_otherwise,
@@ -395,6 +397,8 @@ def locate_by_standard(s: Statements) -> tuple[np.ndarray | None, list[str]]:
         crs, pyproj.CRS("EPSG:4979"), always_xy=True, allow_ballpark=False,
         area_of_interest=AreaOfInterest(lon - 0.01, lat - 0.01, lon + 0.01, lat + 0.01),
     )  # fmt: skip
+    if not group.transformers:
+        return None, [*impossible, "no operation for the place"]
     lon, lat = group.transformers[0].transform(east, north)[:2]
     to_ecef = pyproj.Transformer.from_crs("EPSG:4979", "EPSG:4978", always_xy=True)
     ecef = np.column_stack(to_ecef.transform(lon, lat, np.full(2, height_m)))
@@ -413,7 +417,7 @@ def judge(s: Statements, path: Path) -> Finding:
             return Finding(outcome="refused although correct", fault=str(error))
         return Finding(outcome="refused")
     except Exception:
-        return Finding(outcome="traceback", fault=traceback.format_exc(limit=-3))
+        return Finding(outcome="traceback", fault=traceback.format_exc(limit=-6))
     expected, impossible = locate_by_standard(s)
     to_ecef = pyproj.Transformer.from_crs("EPSG:4979", "EPSG:4978", always_xy=True)
     geo = building.origin.geo_from_site(building.vertices_site_m)
@@ -440,7 +444,7 @@ def _tells_reading(remarks: str) -> bool:
     return any(
         text in remarks
         for text in (
-            "is assumed", "are assumed", "is taken as a factor between metres", "MapUnit was used", "was not used",
+            "is assumed", "are assumed", "is taken as a factor between metres", "MapUnit was used",
             "ConversionFactor was used", "check its length unit", "over the building's",
         )
     )  # fmt: skip
@@ -455,7 +459,6 @@ def run(inputs: int, keep: Path | None) -> tuple[Counter[str], list[str]]:
 
         def take(s: Statements, text: str, is_damaged: bool) -> None:
             path.write_bytes(text.encode("utf-8"))
-            Path("/tmp/last.ifc").write_bytes(text.encode("utf-8"))
             finding = judge(s, path)
             if is_damaged and finding.outcome != "traceback":  # the oracle does not know what the text states
                 refused = finding.outcome.startswith("refused")
@@ -494,8 +497,8 @@ def main() -> None:
     print(f"{sum(outcomes.values())} inputs")
     for outcome, count in outcomes.most_common():
         print(f"  {count:6d}  {outcome}")
-    for fault in faults[:_SHOWN_MAX]:
-        print(f"- {fault}")
+    for fault, count in Counter(re.sub(r"[\d.]+", "0", fault) for fault in faults).most_common(_SHOWN_MAX):
+        print(f"- {count} x {fault}")
     if faults:
         raise SystemExit(1)
 

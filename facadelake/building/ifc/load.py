@@ -12,7 +12,7 @@ import numpy as np
 
 from facadelake.building.ifc.elements import build_elements_table
 from facadelake.building.ifc.identity import describe_shared_guids
-from facadelake.building.ifc.meshes import drop_distant_elements, mesh_elements, open_ifc
+from facadelake.building.ifc.meshes import describe_missing, drop_distant_elements, mesh_elements, open_ifc
 from facadelake.building.ifc.sizes import check_sizes
 from facadelake.building.ifc.structure import IfcStorey, get_building, label_buildings, read_storeys
 from facadelake.building.model import BuildingModel
@@ -24,9 +24,12 @@ from facadelake.building.model_georeference.selection import select_georeference
 from facadelake.building.storeys import StoreyElevation, StoreyLevel
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import Float64x3, Float64x3x3
+from facadelake.core.errors import ModelError
 from facadelake.core.geodesy import SiteOrigin
 
 _log = logging.getLogger(__name__)
+# What ifcopenshell and numpy raise on entities that lack attributes or have values of another kind.
+_DAMAGED = (AttributeError, TypeError, ValueError, KeyError, IndexError, RuntimeError, OverflowError)
 _FALSE_ORIGIN_M = 10_000.0  # a model origin farther from the building than this is a false origin
 
 
@@ -63,6 +66,16 @@ def load_ifc_building(path: Path, *, settings: IfcModelSettings) -> BuildingMode
     if neither the IFC nor ``settings`` states the position, the CRS or the vertical datum.
     """
     model = open_ifc(path)
+    try:
+        return _load_building(model, settings)
+    except _DAMAGED as error:
+        raise ModelError(
+            f"building model {path} has an entity with missing or wrong attributes ({type(error).__name__}: {error}); "
+            "check it with an IFC validator, and export it again"
+        ) from error
+
+
+def _load_building(model: ifcopenshell.file, settings: IfcModelSettings) -> BuildingModel:
     unit = read_project_unit(model)
     labels = label_buildings(model)
     selected = get_building(model, settings.building, labels) if settings.building else None
@@ -78,6 +91,7 @@ def load_ifc_building(path: Path, *, settings: IfcModelSettings) -> BuildingMode
     )
     storeys_of_ifc = read_storeys(model, labels, selected)
     meshes = mesh_elements(model, deflection_m=settings.mesh_deflection_m, workers=settings.workers, building=selected)
+    missing = describe_missing(model, meshes, selected)
     meshes, dropped = drop_distant_elements(meshes)
     sizes = check_sizes(model, meshes, [storey.level_m for storey in storeys_of_ifc])
     vertices_ifc = np.vstack([mesh.vertices_ifc_m for mesh in meshes])
@@ -106,6 +120,7 @@ def load_ifc_building(path: Path, *, settings: IfcModelSettings) -> BuildingMode
         georeference.remarks,
         unit.remark,
         describe_shared_guids({mesh.step_id: mesh.guid for mesh in meshes}),
+        missing,
         dropped,
         sizes,
         _describe_buildings(model, labels, selected),

@@ -94,7 +94,7 @@ def mesh_elements(
 ) -> list[ElementMesh]:
     """Mesh every element with its openings cut out; spaces, sites, openings and annotations are omitted.
 
-    An element whose geometry fails is omitted and logged by its GlobalId.
+    An element whose geometry fails is omitted; see ``describe_missing``.
 
     Args:
         model: the IFC.
@@ -108,14 +108,7 @@ def mesh_elements(
     Raises:
         ModelError: no element could be meshed.
     """
-    elements = [
-        element
-        for kind in ("IfcElement", "IfcProxy")
-        for element in _list_entities(model, kind)
-        if element.Representation is not None
-        and not any(_is_a(element, name) for name in _LEFT_OUT)
-        and not (building is not None and _is_in_other_building(element, building))
-    ]
+    elements = _list_elements(model, building)
     guids = name_elements(model)
     settings = ifcopenshell.geom.settings()
     # Shapes are meshed relative to their placement, where coordinates are small, and transformed in float64 afterwards:
@@ -138,12 +131,36 @@ def mesh_elements(
             "export it with body geometry (design transfer or reference view)"
         )
     meshes = _merge_by_element(meshes)
-    missing = {guids[element.id()] for element in elements} - {mesh.guid for mesh in meshes}
-    if missing:
-        _log.warning(
-            "%d of %d elements have no surface: %s", len(missing), len(elements), ", ".join(sorted(missing)[:10])
-        )
     return meshes
+
+
+def describe_missing(
+    model: ifcopenshell.file, meshes: Sequence[ElementMesh], building: ifcopenshell.entity_instance | None
+) -> str:
+    """Remark on the elements, of ``building`` or of all, that could not be meshed; empty if there are none."""
+    guids, meshed = name_elements(model), {mesh.step_id for mesh in meshes}
+    elements = _list_elements(model, building)
+    missing = sorted(guids[element.id()] for element in elements if element.id() not in meshed)
+    if not missing:
+        return ""
+    listed = ", ".join(missing[:5]) + (" ..." if len(missing) > 5 else "")
+    remark = f"{len(missing)} of {len(elements)} elements have no surface ({listed})"
+    _log.warning("%s", remark)
+    return remark
+
+
+def _list_elements(
+    model: ifcopenshell.file, building: ifcopenshell.entity_instance | None
+) -> list[ifcopenshell.entity_instance]:
+    """Elements with a body that are part of the surface of ``building``, or of all buildings."""
+    return [
+        element
+        for kind in ("IfcElement", "IfcProxy")
+        for element in _list_entities(model, kind)
+        if element.Representation is not None
+        and not any(_is_a(element, name) for name in _LEFT_OUT)
+        and not (building is not None and _is_in_other_building(element, building))
+    ]
 
 
 def _iterate_shapes(
