@@ -3,8 +3,8 @@
     .venv/bin/python -m benchmarks.fuzz_models [--inputs 3000] [--keep FOLDER]
 
 Hypothesis (of the development environment) writes small IFCs whose units, CRS, datum, map conversion, contexts, site
-and GlobalIds are stated in many ways, up to three of them wrong, contradictory or missing, and damages the text of every
-fourth. The inputs are the same in every run.
+and GlobalIds are stated in many ways, up to three of them wrong, contradictory or missing, and damages the text of
+every fourth. The inputs are the same in every run.
 
 The oracle knows what each file states. It reads the map conversion by the standard (ISO 16739-1): coordinates times
 MapUnit, without it times the project's unit, and lets pyproj transform them with the operation for the place. A result
