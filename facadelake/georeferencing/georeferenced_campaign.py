@@ -23,7 +23,7 @@ from facadelake.georeferencing.available_control import Control
 from facadelake.georeferencing.campaign.reference import ReferencePoints
 from facadelake.georeferencing.campaign.reference_selection import build_reference
 from facadelake.georeferencing.datum_shift import build_operation_columns, describe_datum_shift
-from facadelake.georeferencing.gps.priors import GpsPriors
+from facadelake.georeferencing.gps.priors import DATUM_SIGMA_M, GpsPriors
 from facadelake.georeferencing.initial_placement import CONTROL_SIGMA_M, InitialPlacement
 from facadelake.georeferencing.model.lean import BlockLean
 from facadelake.georeferencing.model_checks import check_cameras, check_tie_points
@@ -336,6 +336,11 @@ def _build_remarks(
         )
     if not adjusted.solution.converged:
         remarks.append(f"the adjustment did not converge in {adjusted.solution.iterations} iterations")
+    if priors.unlike_heights:
+        remarks.append(
+            f"the GPS heights of {len(priors.unlike_heights)} of {len(priors.photo)} photographs are not stated as "
+            f"ellipsoidal and count with a sigma of {DATUM_SIGMA_M:g} m: {', '.join(priors.unlike_heights[:5])}"
+        )
     if len(priors.photo) and priors.datum_unknown and placement.kind is not ControlKind.GPS:
         remarks.append("GPS heights have no stated datum; gps_offset_up_m is their offset from ellipsoidal heights")
     return remarks

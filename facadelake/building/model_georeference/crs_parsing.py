@@ -10,7 +10,7 @@ from pyproj.enums import PJType
 from pyproj.exceptions import CRSError
 
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.proj.crs import ELLIPSOIDAL
+from facadelake.core.proj.crs import ELLIPSOID_OF_CRS, ELLIPSOIDAL
 
 # A datum that is stated as an ellipsoid, by its whole text: "reference ellipsoid GRS80, heights DHHN92" is not.
 _ELLIPSOID = r"(?:grs ?(?:19)?80|wgs ?(?:19)?84|etrs ?(?:19)?89)"
@@ -25,6 +25,7 @@ _HEIGHT_STATEMENT = re.compile(
     re.IGNORECASE,
 )
 _MENTIONS_HEIGHT = re.compile(r"height|vertical|geoid|orthometric|elevation|level|ellipsoidal", re.IGNORECASE)
+_GNSS_ELLIPSOIDS = ("WGS 84", "GRS 1980")
 _CODE = re.compile(r"^(?:urn:ogc:def:crs:)?EPSG:{1,2}(\d+)$|^(\d{4,5})$", re.IGNORECASE)
 
 
@@ -50,7 +51,8 @@ def split_crs(crs_text: str) -> tuple[str, str]:
     if crs.is_compound:
         vertical = _format_crs(crs.sub_crs_list[1])
     elif len(crs.axis_info) == 3:
-        vertical = ELLIPSOIDAL
+        modern = crs.ellipsoid is not None and crs.ellipsoid.name in _GNSS_ELLIPSOIDS
+        vertical = ELLIPSOIDAL if modern else ELLIPSOID_OF_CRS
     return _format_crs(horizontal), vertical
 
 
@@ -60,6 +62,8 @@ def parse_vertical_datum(text: str) -> str:
     Raises GeoreferenceError if PROJ knows no such vertical CRS, or more than one.
     """
     name = text.strip()
+    if name.lower() == ELLIPSOID_OF_CRS.lower():
+        return ELLIPSOID_OF_CRS
     if _ELLIPSOIDAL.fullmatch(name):
         return ELLIPSOIDAL
     code = _CODE.match(name)

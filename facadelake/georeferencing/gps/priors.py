@@ -18,6 +18,7 @@ from schemas.vocabulary import HeightDatum, PositionSource
 ATTITUDE_SIGMA_DEG = 6.0
 # Geoid undulations are tens of metres (-106 to 85 on Earth, 36 to 50 in Germany).
 DATUM_SIGMA_M = 50.0
+_MIN_STATED_HEIGHTS = 3
 # What the block's own bending adds to a position; without it an RTK sigma of 1 cm would reject good cameras.
 BLOCK_SIGMA_M = 0.05
 
@@ -26,10 +27,12 @@ BLOCK_SIGMA_M = 0.05
 class GpsPriors:
     """Priors of the localised photographs that have one: row k belongs to photograph ``photo[k]`` of the block.
 
-    ``xyz_site_m`` (n, 3) and ``sigma_m`` (n, 3). ``datum_unknown``: no height has a stated datum, so that all of them
-    may be off by one common amount (tens of metres, where they are above sea level). ``site_from_cam_rotation``
-    (n, 3, 3) from the gimbal, NaN where unknown, with ``sigma_yaw_deg`` and ``sigma_tilt_deg`` (n,), NaN where the
-    metadata state none. ``flight`` (n,) from 0. ``height_relative_m`` (n,) above the take-off, NaN where unknown.
+    ``xyz_site_m`` (n, 3) and ``sigma_m`` (n, 3). ``datum_unknown``: fewer than three heights have a stated datum,
+    so that all of them may be off by one common amount (tens of metres, where they are above sea level).
+    ``site_from_cam_rotation`` (n, 3, 3) from the gimbal, NaN where unknown, with ``sigma_yaw_deg`` and
+    ``sigma_tilt_deg`` (n,), NaN where the metadata state none. ``flight`` (n,) from 0. ``height_relative_m``
+    (n,) above the take-off, NaN where unknown.
+    ``unlike_heights``: photographs whose height has no stated datum while others have one; its sigma covers that.
     ``datum_shift``: from the datum of the positions to that of the model; an error that all flights share.
     """
 
@@ -43,6 +46,7 @@ class GpsPriors:
     flight: Int64Array
     height_relative_m: Float64N
     datum_shift: DatumShift | None = None
+    unlike_heights: tuple[str, ...] = ()
 
     def shift_height(self, up_m: float) -> GpsPriors:
         """The same priors with ``up_m`` added to their heights."""
@@ -93,7 +97,7 @@ def collect_gps_priors(reconstruction: Reconstruction, photos: pa.Table, site_fr
     row_of = {row["photo_id"]: row for row in photos.to_pylist()}
     index: list[int] = []
     geo, sigma, rotations, attitude_sigma, flights, relative = [], [], [], [], [], []
-    datums = set()
+    ellipsoidal: list[bool] = []
     for i, photo in enumerate(reconstruction.photos):
         row = row_of.get(photo.photo_id)
         if row is None or row["prior_source"] == PositionSource.NONE or row["prior_height_m"] is None:
@@ -109,14 +113,20 @@ def collect_gps_priors(reconstruction: Reconstruction, photos: pa.Table, site_fr
         )
         flights.append(row["flight"] or 0)
         relative.append(_replace_none_by_nan(row["prior_height_relative_m"]))
-        datums.add(row["prior_height_datum"])
+        ellipsoidal.append(row["prior_height_datum"] == HeightDatum.ELLIPSOIDAL)
+    sigma_m = np.hypot(np.array(sigma).reshape(-1, 3), BLOCK_SIGMA_M)
+    datum_unknown = sum(ellipsoidal) < min(_MIN_STATED_HEIGHTS, len(ellipsoidal)) or not ellipsoidal
+    # Heights with a stated datum count; a few others beside them have a sigma that covers any datum.
+    unlike = np.flatnonzero(~np.array(ellipsoidal, dtype=bool) & (not datum_unknown))
+    sigma_m[unlike, 2] = np.hypot(sigma_m[unlike, 2], DATUM_SIGMA_M)
     attitude_sigmas = np.array(attitude_sigma).reshape(-1, 2)
     return GpsPriors(
         photo=np.array(index, dtype=np.int64),
         xyz_site_m=site_from_crs(np.array(geo).reshape(-1, 3), site_frame.gnss_crs, site_frame),
         datum_shift=find_datum_shift(site_frame.gnss_crs, site_frame),
-        sigma_m=np.hypot(np.array(sigma).reshape(-1, 3), BLOCK_SIGMA_M),
-        datum_unknown=datums != {HeightDatum.ELLIPSOIDAL},
+        sigma_m=sigma_m,
+        datum_unknown=datum_unknown,
+        unlike_heights=tuple(reconstruction.photos[index[row]].photo_id for row in unlike),
         site_from_cam_rotation=np.array(rotations).reshape(-1, 3, 3),
         sigma_yaw_deg=attitude_sigmas[:, 0],
         sigma_tilt_deg=attitude_sigmas[:, 1],
