@@ -13,7 +13,6 @@ from typing import Any
 import ifcopenshell
 import numpy as np
 
-from facadelake.building.model_georeference.crs_parsing import ELLIPSOIDAL
 from facadelake.building.model_georeference.ifc_statements import (
     find_crs_entity,
     find_operation_entity,
@@ -32,7 +31,7 @@ from facadelake.building.model_georeference.length_units import (
 )
 from facadelake.building.model_georeference.map_placement import MapPlacement, compute_grid_factors, geo_from_map
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.proj.crs import promote_to_3d
+from facadelake.core.proj.crs import ELLIPSOIDAL, promote_to_3d
 
 _MAX_SCALE_ERROR = 0.1  # a grid scale factor outside 1 +- this is a wrong unit, not a projection
 _SAME_SHIFT = 0.001  # in the unit of the map
