@@ -23,7 +23,7 @@ from facadelake.building.model_georeference.map_placement import (
 from facadelake.building.model_georeference.site_placement import GeographicAnchor
 from facadelake.core.arrays import Float64Array, Float64x3
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.proj.crs import ELLIPSOIDAL, is_in_area_of_use, name_area_of_use
+from facadelake.core.proj.crs import is_in_area_of_use, name_area_of_use
 from facadelake.core.proj.operations import describe_poor_operation, require_best
 from facadelake.registry import UNITS_M
 
@@ -199,7 +199,7 @@ def _describe_margin(candidate: ModelGeoreference, geo: Float64x3) -> str:
 
 def _describe_height_unit(candidate: ModelGeoreference) -> str:
     """Remark that the height was read in another unit than that of its vertical CRS."""
-    if not candidate.reading or candidate.vertical_datum == ELLIPSOIDAL or not candidate.height_unit_m:
+    if not candidate.reading or not candidate.vertical_datum.startswith("EPSG:") or not candidate.height_unit_m:
         return ""
     axis = pyproj.CRS.from_user_input(candidate.vertical_datum).axis_info[0]
     crs_m = float(axis.unit_conversion_factor)
