@@ -15,6 +15,7 @@ from facadelake.core.checkout import locate_source
 from facadelake.core.duckdb_engine import wrap_store_errors
 from facadelake.core.errors import StoreError
 from facadelake.lake.connect import LOCK_TIMEOUT_S, hold_lock, open_catalog_to_write
+from facadelake.lake.opening_script import write_opening_script
 from facadelake.lake.transaction import run_transaction
 
 MIGRATIONS = locate_source("sql/migrations")
@@ -92,3 +93,4 @@ def open_to_write(lake: Path, lock_timeout_s: float = LOCK_TIMEOUT_S) -> Iterato
     with hold_lock(lake, timeout_s=lock_timeout_s), open_catalog_to_write(lake) as connection:
         migrate(connection)
         yield connection
+        write_opening_script(lake)

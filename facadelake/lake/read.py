@@ -15,6 +15,7 @@ from facadelake.core.errors import InputDataError, SchemaError, StoreError
 from facadelake.core.sql_files import read_statements
 from facadelake.core.sql_guard import require_plain_select
 from facadelake.lake.connect import DATA, open_to_read
+from facadelake.lake.damage import name_damaged_files
 from facadelake.lake.migrate import get_schema_version, refuse_newer
 from schemas.column_type import Kind
 from schemas.tables import LAKE_TABLES, SCHEMA_VERSION
@@ -84,8 +85,11 @@ def read_tables(
     found = {}
     with open_to_read(lake, as_of=as_of) as connection:
         present_current_schema(connection, lake)
-        with wrap_store_errors(
-            f"reading {', '.join(names)} of the lake {lake}", "check that the lake's files are whole"
+        with (
+            wrap_store_errors(
+                f"reading {', '.join(names)} of the lake {lake}", "check that the lake's files are whole"
+            ),
+            name_damaged_files(lake, as_of),
         ):
             connection.execute("BEGIN")  # one transaction sees one version
             for name in names:
@@ -142,7 +146,8 @@ def query(lake: Path, sql: str, parameters: Mapping[str, Value] | None = None, *
         views = {view.name for view in read_statements(VIEWS)}
         require_plain_select(connection, sql, frozenset(LAKE_TABLES) | views)
         try:
-            rows = connection.execute(sql, dict(parameters) if parameters else None).to_arrow_table()
+            with name_damaged_files(lake, as_of):
+                rows = connection.execute(sql, dict(parameters) if parameters else None).to_arrow_table()
         except (duckdb.IOException, duckdb.InternalException, duckdb.FatalException) as error:
             raise StoreError(f"the lake {lake} could not be read: {error}; check that its files are whole") from error
         except duckdb.Error as error:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import re
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from facadelake.core.errors import StoreError
+from facadelake.core.errors import InputDataError, StoreError
 from facadelake.lake.connect import hold_lock, open_catalog_to_write
-from facadelake.lake.read import list_versions, read_table
+from facadelake.lake.read import list_versions, query, read_table
 from schemas.tables import SCHEMA_VERSION
 from tests.counterexamples.command_line import facadelake
 from tests.unit.lake.small_campaign import commit, in_process
@@ -42,7 +43,7 @@ def test_disk_full_at_commit_leaves_nothing_half_written(tmp_path: Path, defects
     """A real write error of the system: a limit on file size stops a large data file, or the small catalog."""
     first = commit(tmp_path)
     code = f"""
-        from facadelake.core.errors import StoreError
+        from facadelake.core.errors import InputDataError, StoreError
         try:
             commit(Path({str(tmp_path)!r}), run_id="run-2", inputs="j" * 64, defects={defects}, sightings=1)
         except StoreError as error:
@@ -109,3 +110,51 @@ def test_no_lake_yet(tmp_path: Path) -> None:
         "inspect a campaign first, or name another lake\n"
     )
     assert list(tmp_path.iterdir()) == []
+
+
+def cut_off(content: bytes) -> bytes:
+    """The first half of a file."""
+    return content[: len(content) // 2]
+
+
+def overwrite(content: bytes) -> bytes:
+    """A file of the same size with zeros in its first pages."""
+    return content[:100] + bytes(200) + content[300:]
+
+
+@pytest.mark.parametrize(
+    ("damage", "problem"),
+    [(cut_off, r"it has [\d,]+ of [\d,]+ bytes"), (overwrite, "it cannot be read: "), (None, "it does not exist")],
+    ids=["cut off", "overwritten", "gone"],
+)
+def test_a_damaged_file_is_named_with_the_way_back(
+    tmp_path: Path, damage: Callable[[bytes], bytes] | None, problem: str
+) -> None:
+    """DuckDB's "invalid footer length" blamed the question: it is a fault of the store."""
+    first = commit(tmp_path)
+    earlier = set((tmp_path / "tables" / "main" / "defects").glob("*.parquet"))
+    second = commit(tmp_path, run_id="run-2", inputs="j" * 64, defects=4)
+    (tmp_path / "published").mkdir()
+    (newest,) = set((tmp_path / "tables" / "main" / "defects").glob("*.parquet")) - earlier
+    content = newest.read_bytes()
+    newest.unlink()
+    if damage is not None:
+        newest.write_bytes(damage(content))
+    wanted = (
+        rf"the lake {tmp_path} is damaged: {newest} of table defects \({problem}.*; it holds tower 2026-04, in version "
+        rf"{second.version} and later\)\. The way back: restore the file from a backup of the lake; version "
+        rf"{first.version} was made before it \(--as-of\); {tmp_path}/published has the published files of each "
+        r"version; or inspect the campaign again into another lake \(--lake\)"
+    )
+    for read in (
+        lambda: query(tmp_path, "SELECT defect_class, min(score) FROM defects GROUP BY ALL"),
+        lambda: read_table(tmp_path, "defects"),
+    ):
+        with pytest.raises(StoreError) as raised:
+            read()
+        assert re.fullmatch(wanted, str(raised.value)), str(raised.value)
+    assert len(read_table(tmp_path, "defects", as_of=first.version)) == 3
+    done = facadelake("sql", "SELECT * FROM defects", "--lake", tmp_path)
+    assert done.returncode == 1 and f"{newest} of table defects" in done.stderr, done.stderr
+    with pytest.raises(InputDataError, match="the question cannot be answered"):  # its own fault
+        query(tmp_path, "SELECT no_such_column FROM photos")
