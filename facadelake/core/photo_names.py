@@ -104,12 +104,16 @@ class PhotoNames:
         """The photographs that the names of one file refer to, by name.
 
         Ambiguous here, and not where a name is alone, are different paths that match one photograph
-        (``2026-04/IMG_1.JPG`` and ``2026-10/IMG_1.JPG``, where the campaign has ``IMG_1.JPG``), and, in a file that
-        gives no folders at all, the name of a photograph outside folders which a folder holds as well.
+        (``2026-04/IMG_1.JPG`` and ``2026-10/IMG_1.JPG``, where the campaign has ``IMG_1.JPG``), and the name of a
+        photograph outside folders which a folder holds as well, unless all names of the file are whole paths.
         """
         matches = {name: self.match(name) for name in dict.fromkeys(names)}
-        if not any("/" in name.replace("\\", "/") for name in matches):
-            matches = {name: self._require_single_file(name, match) for name, match in matches.items()}
+        has_folder = {name: "/" in name.replace("\\", "/") for name in matches}
+        if not (any(has_folder.values()) and matches.keys() <= self._exact.keys()):
+            matches = {
+                name: match if has_folder[name] else self._require_single_file(name, match)
+                for name, match in matches.items()
+            }
         names_of: dict[str, list[str]] = defaultdict(list)
         for name, match in matches.items():
             if match.photo_id is not None:

@@ -304,5 +304,7 @@ def is_same_area(one: float, other: float) -> bool:
 
 def parse_box_values(bbox: Any) -> _Values | None:
     """The four numbers of a bbox; None where it is not four finite numbers."""
-    values = [number for value in bbox if (number := parse_number(value)) is not None] if isinstance(bbox, list) else []
-    return (values[0], values[1], values[2], values[3]) if len(values) == len(bbox or ()) == 4 else None
+    if not isinstance(bbox, list) or len(bbox) != 4:
+        return None
+    x, y, width, height = map(parse_number, bbox)
+    return None if x is None or y is None or width is None or height is None else (x, y, width, height)

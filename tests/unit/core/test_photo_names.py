@@ -85,6 +85,7 @@ def test_a_file_without_folders_does_not_mean_the_photograph_outside_folders() -
     assert found["IMG.JPG"].reason == "'IMG.JPG' matches IMG.JPG, b/IMG.JPG; give its folder, too"
     assert found["c.JPG"].photo_id == "c.JPG"
     assert names.match_all(["IMG.JPG", "b/IMG.JPG"])["IMG.JPG"].photo_id == "IMG.JPG"
+    assert names.match_all(["IMG.JPG", "images/c.JPG"])["IMG.JPG"].candidates == ("IMG.JPG", "b/IMG.JPG")
     assert names.match_all(["./IMG.JPG"])["./IMG.JPG"].photo_id == "IMG.JPG"
 
 

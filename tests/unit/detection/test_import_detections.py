@@ -98,6 +98,7 @@ def test_a_valid_box_is_unchanged(tmp_path: Path) -> None:
         ([10, 10, float("inf"), 3], "bad_box", None, "finite numbers"),
         ([10, 10, "5", 3], "bad_box", None, "'5'"),
         ([10, 10, 5], "bad_box", None, "bbox is [10, 10, 5]; it must be [x, y, width, height]"),
+        (3, "bad_box", None, "bbox is 3; it must be [x, y, width, height]"),
         (None, "bad_box", None, "bbox is None"),
     ],
 )  # fmt: skip
