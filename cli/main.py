@@ -166,14 +166,15 @@ app.command()(reviews.promote_model)
 
 @app.command()
 def doctor(portfolio: PortfolioPath = DEFAULT_PORTFOLIO, lake: LakePath = DEFAULT_LAKE) -> None:
-    """Check this machine: libraries, rendering, extensions, disk, models. Lists what is missing and how to get it."""
+    """Check this machine: libraries, rendering, disk, models, grids. Lists what is missing, and how to get it."""
     from cli.terminal.answers import show_checks
     from facadelake.doctor import Status, run_checks
     from facadelake.registry import DEFAULT_MODEL, OnnxDetectorSetting
 
-    settings = [building.detector for building in read_portfolio_at(portfolio).buildings]
+    buildings = read_portfolio_at(portfolio).buildings
+    settings = [building.detector for building in buildings]
     models = {d.model for d in settings if isinstance(d, OnnxDetectorSetting)} - {DEFAULT_MODEL}
-    checks = run_checks(lake, [Path(model) for model in sorted(models)])
+    checks = run_checks(lake, [Path(model) for model in sorted(models)], buildings)
     show_checks(console, checks)
     if any(check.status is Status.MISSING for check in checks):
         raise typer.Exit(1)

@@ -16,11 +16,14 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
+from facadelake.campaigns import check_grids
 from facadelake.core.cache import DIAGNOSTICS, WORK_SIZE_FILE, CacheEntry, open_stage_cache
 from facadelake.core.errors import ModelError
+from facadelake.core.proj.grids import list_installed_grids
 from facadelake.core.system_libraries import LIBRARIES, Library, format_install_command, is_present
 from facadelake.detection import find_default_model
 from facadelake.lake import read_stage_keys
+from facadelake.registry import Building
 
 GIB = 1024**3
 DISK_NEEDED_GIB = 5.0  # before a first campaign has shown what one takes
@@ -100,16 +103,18 @@ PROBES = (
 )
 
 
-def run_checks(lake: Path, model_files: Sequence[Path]) -> list[Check]:
+def run_checks(lake: Path, model_files: Sequence[Path], buildings: Sequence[Building] = ()) -> list[Check]:
     """Run all checks, in a few seconds, without changing anything; failed checks are results, not exceptions.
 
-    ``lake`` is the folder of the lake, ``model_files`` are the detector models of the portfolio.
+    ``lake`` is the folder of the lake; ``model_files`` are the detector models and ``buildings`` the buildings of the
+    portfolio.
     """
     with ThreadPoolExecutor(max_workers=count_cores()) as pool:
         probes = list(pool.map(check_probe, PROBES))
     libraries = [check_library(library) for library in LIBRARIES]
     machine = [check_python(), *libraries, *probes, check_memory(), check_cores()]
-    return [*machine, check_disk(lake), check_writable(lake), *check_models(model_files)]
+    grids = [check_building_grids(building) for building in buildings]
+    return [*machine, check_disk(lake), check_writable(lake), *check_models(model_files), *grids]
 
 
 def count_cores() -> int:
@@ -249,6 +254,22 @@ def check_cores() -> Check:
     remedy = "" if cores > 1 else "use two cores or more: reconstruction is slow on one"
     status = Status.OK if cores > 1 else Status.WARNING
     return Check(name="processor cores", status=status, found=str(cores), remedy=remedy)
+
+
+def check_building_grids(building: Building) -> Check:
+    """Whether PROJ has the grids for the CRSs that a building's model and control points state."""
+    name, found = f"transformation grids of {building.id}", check_grids(building)
+    if found.problems:
+        return Check(
+            name=name,
+            status=Status.WARNING,
+            found="; ".join(found.problems),
+            remedy="install the grid, or set crs.accept_operation_accuracy_m in the portfolio",
+        )
+    installed = len(list_installed_grids())
+    return Check(
+        name=name, status=Status.OK, found=f"{', '.join(found.crs) or 'no CRS stated'}; {installed} grids installed"
+    )
 
 
 def check_models(model_files: Sequence[Path]) -> list[Check]:

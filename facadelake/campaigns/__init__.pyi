@@ -1,5 +1,6 @@
 from .committed import read_committed_model as read_committed_model
 from .committed import read_committed_tables as read_committed_tables
+from .grids import check_grids as check_grids
 from .preflight import AUTO as AUTO
 from .preflight import LATEST as LATEST
 from .preflight import plan_inspection as plan_inspection
