@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.options import DEFAULT_LAKE, LakePath, console
+from cli.options import DEFAULT_LAKE, ExistingLakePath, console, require_lake
 from facadelake.core.errors import InputDataError
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ _DURATION = re.compile(r"(\d+(?:\.\d+)?)\s*([hdw])")
 @cache.callback()
 def list_entries(
     context: typer.Context,
-    lake: LakePath = DEFAULT_LAKE,
+    lake: ExistingLakePath = DEFAULT_LAKE,
     every: Annotated[bool, typer.Option("--all", help="One line an entry, not one a stage.")] = False,
 ) -> None:
     """List the cached results by stage: how many, how large, when last used, how many a version was made of.
@@ -39,6 +39,15 @@ def list_entries(
     """
     if context.invoked_subcommand is None:
         _show(lake, every)
+        return
+    for name, option in (("lake", "--lake"), ("every", "--all")):
+        source = context.get_parameter_source(name)
+        if source is not None and source.name == "COMMANDLINE":
+            subcommand = f"facadelake cache {context.invoked_subcommand}"
+            raise InputDataError(
+                f"{option} before '{context.invoked_subcommand}' is of the listing, and would not count; "
+                + (f"write {subcommand} --lake {lake}" if option == "--lake" else f"leave it out: {subcommand}")
+            )
 
 
 @cache.command()
@@ -51,18 +60,21 @@ def prune(
         typer.Option(help="Remove the longest unused until the cache is not larger, such as 20GB or 500MiB."),
     ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Show what would be removed, and remove nothing.")] = False,
-    lake: LakePath = DEFAULT_LAKE,
+    lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
-    """Remove cached results that no version of the lake was made of.
+    """Remove cached results that the tables of no version of the lake were made of.
 
-    Results that a version was made of stay, so that inspecting its campaign again is quick; so do results used within
-    the last day, which a run may be reading. Example: facadelake cache prune --older-than 30d --max-size 20GB
+    Results that a version's tables were made of stay, so that inspecting its campaign again is quick; so do results
+    used within the last day, which a run may be reading. The checks and pictures of committed campaigns (the stages
+    validate and draw) are removed like others, and results of an earlier Facadelake, which are never used.
+    Example: facadelake cache prune --older-than 30d --max-size 20GB
     """
     from facadelake.core.cache import open_stage_cache
     from facadelake.lake import read_stage_keys
 
     if older_than is None and max_size is None:
         raise InputDataError("nothing to prune by: give --older-than (such as 30d), --max-size (such as 20GB), or both")
+    require_lake(lake)
     needed = {key for run in read_stage_keys(lake) for key in run.keys.values()}
     pruned = open_stage_cache(lake).prune(
         needed=needed,
@@ -74,6 +86,8 @@ def prune(
     console.print(f"{_count(pruned.removed)} {verb}")
     if pruned.leftovers:
         console.print(f"{len(pruned.leftovers)} folders of interrupted runs {verb}")
+    if pruned.unrecorded:
+        console.print(f"{len(pruned.unrecorded)} results of an earlier Facadelake {verb}")
     if pruned.needed:
         console.print(f"{_count(pruned.needed)} kept: versions of the lake were made of them")
     if pruned.in_use:
@@ -85,13 +99,22 @@ def _show(lake: object, every: bool) -> None:
 
     from rich.table import Table
 
-    from facadelake.core.cache import open_stage_cache
+    from facadelake.core.cache import compute_size_bytes, open_stage_cache
     from facadelake.lake import read_stage_keys
 
     assert isinstance(lake, Path)
+    require_lake(lake)
     entries = open_stage_cache(lake).list_entries()
-    if not entries:
+    unrecorded = open_stage_cache(lake).find_unrecorded()
+    if unrecorded:
+        size = _format_size(sum(compute_size_bytes(folder) for folder in unrecorded))
+        console.print(
+            f"{len(unrecorded)} results, {size}, are of an earlier Facadelake (they have no manifest) and are not "
+            "used; facadelake cache prune --older-than 1d removes them"
+        )
+    elif not entries:
         console.print(f"the cache of the lake {lake} is empty")
+    if not entries:
         return
     needed = {key for run in read_stage_keys(lake) for key in run.keys.values()}
     table = Table(title=f"Cached results of {lake}: {_count(entries)}")

@@ -16,6 +16,7 @@ from cli.options import (
     DEFAULT_PORTFOLIO,
     BuildingId,
     CampaignId,
+    ExistingLakePath,
     LakePath,
     PortfolioPath,
     console,
@@ -135,7 +136,7 @@ def regrade(
     rules: Annotated[str, typer.Option(help="The rule pack, such as nyc_fisp_v1 (docs/severity.md lists them).")],
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Show what would change, and write nothing.")] = False,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
-    lake: LakePath = DEFAULT_LAKE,
+    lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
     """Grade the defects of committed campaigns by another rule pack; this makes a new version and publishes it.
 
@@ -165,7 +166,7 @@ app.command()(reviews.promote_model)
 
 
 @app.command()
-def doctor(portfolio: PortfolioPath = DEFAULT_PORTFOLIO, lake: LakePath = DEFAULT_LAKE) -> None:
+def doctor(portfolio: PortfolioPath = DEFAULT_PORTFOLIO, lake: ExistingLakePath = DEFAULT_LAKE) -> None:
     """Check this machine: libraries, rendering, disk, models, grids. Lists what is missing, and how to get it."""
     from cli.terminal.answers import show_checks
     from facadelake.doctor import Status, run_checks

@@ -10,6 +10,7 @@ import typer
 from rich.console import Console
 
 from facadelake.core.checkout import CHECKOUT
+from facadelake.core.errors import InputDataError
 
 if TYPE_CHECKING:
     from facadelake.registry import Portfolio
@@ -25,6 +26,7 @@ PortfolioPath = Annotated[
 LakePath = Annotated[
     Path, typer.Option("--lake", envvar="FACADELAKE_LAKE", help="Folder of the lake; created if it does not exist.")
 ]
+ExistingLakePath = Annotated[Path, typer.Option("--lake", envvar="FACADELAKE_LAKE", help="Folder of the lake.")]
 AnyPortfolioPath = Annotated[
     Path, typer.Option("--portfolio", help="Accepted as by every command; a query of the lake needs no portfolio.")
 ]
@@ -32,6 +34,16 @@ BuildingId = Annotated[str, typer.Argument(help="Id of the building in the portf
 CampaignId = Annotated[str, typer.Argument(help="Id of the campaign, such as 2026-04; 'latest' is the newest.")]
 DEFAULT_PORTFOLIO = CHECKOUT / "data" / "portfolio.yaml"
 DEFAULT_LAKE = CHECKOUT / "lake"
+
+
+def require_lake(lake: Path) -> None:
+    """Raise InputDataError where the folder holds no lake."""
+    from facadelake.lake import has_lake
+
+    if not has_lake(lake):
+        raise InputDataError(
+            f"there is no lake in {lake}; inspect a campaign first, or name another with --lake or FACADELAKE_LAKE"
+        )
 
 
 def read_portfolio_at(path: Path) -> Portfolio:

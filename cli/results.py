@@ -15,7 +15,7 @@ from cli.options import (
     AnyPortfolioPath,
     BuildingId,
     CampaignId,
-    LakePath,
+    ExistingLakePath,
     PortfolioPath,
     console,
     problems,
@@ -27,7 +27,7 @@ from facadelake.core.errors import InputDataError
 def campaigns(
     building: Annotated[str | None, typer.Argument(help="Only this building.")] = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
-    lake: LakePath = DEFAULT_LAKE,
+    lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
     """List the registered campaigns and those in the lake, each with its version."""
     from cli.terminal.listings import show_campaigns
@@ -42,7 +42,7 @@ def defects(
     limit: Annotated[int, typer.Option(min=1, help="Maximum number of rows.")] = 40,
     as_of: Annotated[int | None, typer.Option(help="Read this earlier version of the lake.")] = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
-    lake: LakePath = DEFAULT_LAKE,
+    lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
     """List the defects of a building: class, severity, place, size, number of photographs."""
     from cli.terminal.listings import require_known, show_defects
@@ -62,7 +62,7 @@ def sql(
     as_json: Annotated[bool, typer.Option("--json", help="Print rows as JSON.")] = False,
     as_of: Annotated[int | None, typer.Option(help="Read this earlier version of the lake.")] = None,
     portfolio: AnyPortfolioPath = DEFAULT_PORTFOLIO,
-    lake: LakePath = DEFAULT_LAKE,
+    lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
     """Query the lake in SQL. Queries are read-only.
 
@@ -83,7 +83,7 @@ def export(
     table: Annotated[str, typer.Option(help="Table to export.")] = "defects",
     as_of: Annotated[int | None, typer.Option(help="Read this earlier version of the lake.")] = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
-    lake: LakePath = DEFAULT_LAKE,
+    lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
     """Write a building's defects (or another table) to a file for GIS or a spreadsheet."""
     from cli.terminal.listings import require_known
@@ -114,7 +114,7 @@ def view(
         typer.Option(min=0.01, max=1.0, help="Scale of the panels to the photograph; default: 1000 pixels wide."),
     ] = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
-    lake: LakePath = DEFAULT_LAKE,
+    lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
     """Draw a photograph beside the virtual view of the model, with depth and elements, to check its pose.
 
@@ -147,7 +147,7 @@ def pictures(
         Path | None, typer.Option(help="Folder to write to; default: one in the lake's 'pictures'.")
     ] = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
-    lake: LakePath = DEFAULT_LAKE,
+    lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
     """Draw pictures of a committed campaign: cards of defects, elevations of facades, overlays of photographs.
 
@@ -191,7 +191,7 @@ def evaluate(
         Path | None, typer.Option(help="Folder for pictures: distribution, vectors, deviation, sigmas, views.")
     ] = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
-    lake: LakePath = DEFAULT_LAKE,
+    lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
     """Compare a committed campaign with truth: cameras, rays, positions, sigmas, merging, elements."""
     from cli.terminal.answers import show_figures

@@ -13,7 +13,7 @@ from cli.options import (
     DEFAULT_PORTFOLIO,
     BuildingId,
     CampaignId,
-    LakePath,
+    ExistingLakePath,
     PortfolioPath,
     console,
     read_portfolio_at,
@@ -41,7 +41,7 @@ def export_task(
     ] = False,
     score_min: Annotated[float, typer.Option(min=0, max=1, help="Leave out detections with a lower score.")] = 0.0,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
-    lake: LakePath = DEFAULT_LAKE,
+    lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
     """Write a campaign's detections as COCO for CVAT or Label Studio, and its defects as a table to fill in.
 
@@ -76,7 +76,7 @@ def import_reviews(
         typer.Option(help="The COCO file as exported: a box missing from FILE is then rejected."),
     ] = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
-    lake: LakePath = DEFAULT_LAKE,
+    lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
     """Add reviews to the lake: confirmed, rejected, corrected, missed. The latest review of a subject counts.
 
@@ -97,7 +97,7 @@ def list_reviews(
     campaign: Annotated[str | None, typer.Argument(help="Only this campaign.")] = None,
     lines: Annotated[bool, typer.Option("--lines", help="List each review, not only the counts.")] = False,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
-    lake: LakePath = DEFAULT_LAKE,
+    lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
     """List the current reviews of a building's detections, and reviews whose detection no longer exists."""
     from cli.terminal.reviews import show_reviews
@@ -133,7 +133,7 @@ def training_set(
     ] = None,
     terms: Annotated[str | None, typer.Option(help="Terms of use of the photographs, for the manifest.")] = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
-    lake: LakePath = DEFAULT_LAKE,
+    lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
     """Write reviewed detections as a training set; rejected detections become images without a defect.
 
@@ -172,7 +172,7 @@ def compare_models(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
-    lake: LakePath = DEFAULT_LAKE,
+    lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
     """Compare two models on committed campaigns: detections and defects that stay, appear and vanish.
 
@@ -209,7 +209,7 @@ def promote_model(
         Path | None,
         typer.Option(help="The comparison.json; default: of the default model and NEW, in the lake."),
     ] = None,
-    lake: LakePath = DEFAULT_LAKE,
+    lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
     """Make a model the default detector ('model: default') if its comparison and its card allow it.
 

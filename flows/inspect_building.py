@@ -11,7 +11,7 @@ from uuid import uuid4
 from prefect import flow
 
 from facadelake.campaigns import AUTO, LATEST, describe_replaced_regrading, plan_inspection
-from facadelake.core.code_version import compute_code_version
+from facadelake.core.code_version import compute_code_version, require_unchanged_code
 from facadelake.core.errors import FacadelakeError
 from facadelake.registry import CocoDetectorSetting, read_portfolio
 from schemas.vocabulary import SurfaceKind
@@ -72,7 +72,8 @@ def inspect_building(
         detections: other detections than the portfolio's: an alternative's name, or a COCO file.
         poses: a file or folder of poses to import; the portfolio's are imported unless a control is named.
 
-    Raises FacadelakeError where the campaign cannot be right; then nothing is committed.
+    Raises FacadelakeError where the campaign cannot be right, or where the code changed meanwhile; then nothing is
+    committed.
     """
     started_at = datetime.now(UTC)
     plan = plan_inspection(
@@ -128,6 +129,7 @@ def inspect_building(
         integrity=integrity,
     )
     checks = validate_tables(job, results)
+    require_unchanged_code(__name__)
     committed = commit(job, results, checks)
     warnings += [describe_replaced_regrading(building, campaign, rules) for rules in committed.regraded_before]
     pictures: StageResult | None = None

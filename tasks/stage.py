@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from facadelake.core.cache import DIAGNOSTICS, compute_stage_key
+from facadelake.core.code_version import require_unchanged_code
 from facadelake.core.metering import Meter
 from tasks.job import InspectionJob, StageResult, StageResults
 
@@ -39,6 +40,8 @@ def run_stage(
         inputs: everything else: settings and hashes of files, JSON-able.
         make: writes the result into a folder and returns counts for the log; the code version of its module enters the
             key.
+
+    Raises CodeVersionError where that code changed while the process ran; the result is then not stored.
     """
     _check_reads(stage, reads, make)
     contents = {name: result.content_sha256 if result else None for name, result in reads.items()}
@@ -46,6 +49,7 @@ def run_stage(
 
     def make_and_count(folder: Path) -> None:
         counts = dict(make(folder))
+        require_unchanged_code(make.__module__)
         (folder / DIAGNOSTICS).mkdir(exist_ok=True)
         (folder / DIAGNOSTICS / _COUNTS).write_text(json.dumps(counts))
 

@@ -8,7 +8,6 @@ truncated, corrupted or edited is computed again, with a warning.
 from __future__ import annotations
 
 import hashlib
-import json
 import logging
 import os
 import shutil
@@ -21,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from filelock import FileLock, Timeout
+from pydantic import BaseModel
 
 from facadelake.core.code_version import compute_code_version
 from facadelake.core.hashing import compute_key, hash_file
@@ -62,12 +62,14 @@ class PruneReport:
 
     ``removed``: entries removed. ``needed`` and ``in_use``: entries beyond a limit that were kept because a version of
     the lake needs them, or because a run may use them. ``leftovers``: folders of interrupted runs that were removed.
+    ``unrecorded``: results without a manifest that were removed.
     """
 
     removed: tuple[CacheEntry, ...]
     needed: tuple[CacheEntry, ...]
     in_use: tuple[CacheEntry, ...]
     leftovers: tuple[Path, ...]
+    unrecorded: tuple[Path, ...]
 
 
 def open_stage_cache(lake: Path) -> StageCache:
@@ -124,7 +126,7 @@ class StageCache:
 
     def _verify(self, folder: Path) -> str | None:
         """The recorded hash of an intact entry, whose last use becomes now; None where it is missing or damaged."""
-        if not folder.is_dir():
+        if not os.path.lexists(folder):
             return None
         damage = find_damage(folder)
         if damage:
@@ -132,7 +134,7 @@ class StageCache:
             return None
         with suppress(OSError):  # a cache on a read-only disk can still be read
             os.utime(folder / MANIFEST)
-        return str(_read_manifest(folder)["content_sha256"])
+        return _read_manifest(folder).content_sha256
 
     def list_entries(self) -> tuple[CacheEntry, ...]:
         """All entries that have a manifest, by stage and key; their files are not verified."""
@@ -144,7 +146,7 @@ class StageCache:
             if folder.name.startswith("."):
                 continue
             with suppress(OSError):  # removed by another process
-                size = sum(found.stat().st_size for found in folder.rglob("*") if found.is_file())
+                size = compute_size_bytes(folder)
                 yield CacheEntry(
                     stage=folder.parent.name,
                     key=folder.name,
@@ -154,9 +156,13 @@ class StageCache:
                 )
 
     def find_leftovers(self) -> tuple[Path, ...]:
-        """Folders that are no entries: those of interrupted runs, and results without a manifest."""
-        found = [path for path in self.root.glob("*/*") if path.is_dir() and not (path / MANIFEST).is_file()]
-        return tuple(sorted({*found, *(path for path in self.root.glob("*/.*") if path.is_dir())}))
+        """Folders that interrupted runs left."""
+        return tuple(sorted(path for path in self.root.glob("*/.*") if path.is_dir()))
+
+    def find_unrecorded(self) -> tuple[Path, ...]:
+        """Results without a manifest: an earlier Facadelake stored them, or the manifest was removed. Never used."""
+        found = (path for path in self.root.glob("*/[!.]*") if path.is_dir() and not (path / MANIFEST).is_file())
+        return tuple(sorted(found))
 
     def prune(
         self,
@@ -176,8 +182,8 @@ class StageCache:
 
         Returns:
             What was removed, and what was kept although a limit applied. Entries that were used within the last day, or
-            are locked by a run, are kept. Folders of interrupted runs are removed at the same age, but an interrupted
-            reconstruction that can be resumed only where ``older_than_s`` is given.
+            are locked by a run, are kept. Results without a manifest and folders of interrupted runs are removed after
+            a day, but an interrupted reconstruction that can be resumed only where ``older_than_s`` is given.
         """
         entries = sorted(self.list_entries(), key=lambda entry: entry.used_at_s)
         kept_bytes = sum(entry.size_bytes for entry in entries)
@@ -196,11 +202,16 @@ class StageCache:
                 removed.append(entry)
                 kept_bytes -= entry.size_bytes
         leftovers = [path for path in self.find_leftovers() if self._is_abandoned(path, older_than_s)]
+        unrecorded = [path for path in self.find_unrecorded() if self._is_abandoned(path, older_than_s)]
         if not dry_run:
-            for path in leftovers:
+            for path in [*leftovers, *unrecorded]:
                 shutil.rmtree(path, ignore_errors=True)
         return PruneReport(
-            removed=tuple(removed), needed=tuple(needed_entries), in_use=tuple(in_use), leftovers=tuple(leftovers)
+            removed=tuple(removed),
+            needed=tuple(needed_entries),
+            in_use=tuple(in_use),
+            leftovers=tuple(leftovers),
+            unrecorded=tuple(unrecorded),
         )
 
     @staticmethod
@@ -211,18 +222,44 @@ class StageCache:
         return age_s > IN_USE_S
 
 
+def compute_size_bytes(folder: Path) -> int:
+    """Bytes of all files below a folder."""
+    return sum(found.stat().st_size for found in folder.rglob("*") if found.is_file())
+
+
+class _Manifest(BaseModel, frozen=True, strict=True, extra="forbid"):
+    """What is recorded of an entry: its place, and size and SHA-256 of every file by its path."""
+
+    stage: str
+    key: str
+    content_sha256: str
+    files: dict[str, tuple[int, str]]
+
+    def compute_content_sha256(self) -> str:
+        """The hash of the files' paths and contents, without diagnostics."""
+        digest = hashlib.sha256()
+        for name, (_, sha256) in sorted(self.files.items()):
+            if not name.startswith(f"{DIAGNOSTICS}/"):
+                digest.update(f"{name}\0{sha256}\0".encode())
+        return digest.hexdigest()
+
+
 def find_damage(folder: Path) -> str:
-    """How an entry differs from its manifest; empty where it is intact."""
+    """How an entry differs from its manifest, or the manifest from its place; empty where it is intact."""
     try:
-        recorded = _read_manifest(folder)["files"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        recorded = _read_manifest(folder)
+    except (OSError, ValueError) as error:
         return f"no readable {MANIFEST}: {error}"
+    if (recorded.stage, recorded.key) != (folder.parent.name, folder.name):
+        return f"it is the result {recorded.stage}/{recorded.key}"
+    if recorded.content_sha256 != recorded.compute_content_sha256():
+        return f"the content_sha256 of {MANIFEST} is not that of its files"
     found = _list_files(folder)
-    if found.keys() != recorded.keys():
-        differing = sorted(found.keys() ^ recorded.keys())
+    if found.keys() != recorded.files.keys():
+        differing = sorted(found.keys() ^ recorded.files.keys())
         return f"{'added' if differing[0] in found else 'missing'}: {differing[0]}"
     for name, path in found.items():
-        size, sha256 = recorded[name]
+        size, sha256 = recorded.files[name]
         if path.stat().st_size != size:
             return f"{name} has {path.stat().st_size} bytes, {size} were written"
         if hash_file(path) != sha256:
@@ -230,9 +267,9 @@ def find_damage(folder: Path) -> str:
     return ""
 
 
-def _read_manifest(folder: Path) -> dict[str, Any]:
-    manifest: dict[str, Any] = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-    return manifest
+def _read_manifest(folder: Path) -> _Manifest:
+    """The manifest of an entry; raises ValueError where its structure is wrong."""
+    return _Manifest.model_validate_json((folder / MANIFEST).read_bytes())
 
 
 def _list_files(folder: Path) -> dict[str, Path]:
@@ -242,18 +279,17 @@ def _list_files(folder: Path) -> dict[str, Path]:
 
 def _write_manifest(folder: Path, stage: str, key: str) -> str:
     files = {name: (path.stat().st_size, hash_file(path)) for name, path in _list_files(folder).items()}
-    digest = hashlib.sha256()
-    for name, (_, sha256) in files.items():
-        if not name.startswith(f"{DIAGNOSTICS}/"):
-            digest.update(f"{name}\0{sha256}\0".encode())
-    manifest = {"stage": stage, "key": key, "content_sha256": digest.hexdigest(), "files": files}
-    (folder / MANIFEST).write_text(json.dumps(manifest, indent=1), encoding="utf-8")
-    return digest.hexdigest()
+    manifest = _Manifest(stage=stage, key=key, content_sha256="", files=files)
+    manifest = manifest.model_copy(update={"content_sha256": manifest.compute_content_sha256()})
+    (folder / MANIFEST).write_text(manifest.model_dump_json(indent=1), encoding="utf-8")
+    return manifest.content_sha256
 
 
 def _remove(folder: Path) -> None:
     """Remove an entry; it is renamed first, so that a partly removed entry never has a key's name."""
-    if folder.is_dir():
+    if folder.is_symlink() or folder.is_file():
+        folder.unlink()
+    elif folder.is_dir():
         renamed = folder.with_name(f".{folder.name}.{uuid.uuid4().hex[:8]}.part")
         folder.rename(renamed)
         shutil.rmtree(renamed, ignore_errors=True)

@@ -25,3 +25,7 @@ class SchemaError(FacadelakeError):
 
 class StoreError(FacadelakeError):
     """The lake cannot be read or written; committed versions are unchanged."""
+
+
+class CodeVersionError(FacadelakeError):
+    """The code of a result cannot be identified, or changed while it was computed; nothing was stored."""

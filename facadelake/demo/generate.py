@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from filelock import FileLock
 
-from facadelake.core.code_version import compute_code_version
+from facadelake.core.code_version import compute_code_version, require_unchanged_code
 from facadelake.core.errors import FacadelakeError
 from facadelake.core.hashing import compute_key
 from facadelake.core.progress import report_progress
@@ -94,6 +94,7 @@ def generate_demo(recipe: DemoRecipe, out: Path) -> DemoFiles:
         temporary = out.parent / f".{out.name}.{uuid.uuid4().hex[:8]}.part"
         try:
             _write_demo(recipe, temporary)
+            require_unchanged_code(__name__)
             names = sorted(str(p.relative_to(temporary)) for p in temporary.rglob("*") if p.is_file())
             (temporary / MANIFEST).write_text(json.dumps({"key": key, "files": names}, indent=1))
             shutil.rmtree(out, ignore_errors=True)
@@ -109,7 +110,10 @@ def _is_complete(out: Path, key: str) -> bool:
         stamp = json.loads((out / MANIFEST).read_text())
     except (OSError, ValueError):
         return False
-    return stamp.get("key") == key and all((out / name).is_file() for name in stamp["files"])
+    match stamp:
+        case {"key": recorded, "files": list(names)} if recorded == key:
+            return all(isinstance(name, str) and (out / name).is_file() for name in names)
+    return False
 
 
 def _list_files(recipe: DemoRecipe, out: Path, *, made: bool) -> DemoFiles:

@@ -10,9 +10,9 @@ import duckdb
 import pyarrow as pa
 import pyarrow.compute as pc
 
-import facadelake.core.environment
 from facadelake.core.checkout import locate_source
 from facadelake.core.duckdb_engine import open_duckdb
+from facadelake.core.environment import set_environment_defaults
 from facadelake.core.errors import SchemaError, StoreError
 from facadelake.core.sql_files import SqlStatement, read_statements
 from facadelake.core.tables import get_stage_schema, table_from_rows
@@ -58,7 +58,7 @@ def format_failures(checks: pa.Table) -> str:
 
 
 def _check_tables(tables: Mapping[str, pa.Table]) -> list[dict[str, Any]]:
-    facadelake.core.environment.set_environment_defaults()
+    set_environment_defaults()
     # Great Expectations takes seconds to import; only a run that validates pays for it.
     import great_expectations as gx
     from great_expectations.data_context.types.base import ProgressBarsConfig

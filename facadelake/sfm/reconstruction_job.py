@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from facadelake.core.arrays import Float64N, Float64Nx3
 from facadelake.core.cache import DIAGNOSTICS, WORK_SIZE_FILE
-from facadelake.core.code_version import compute_code_version
+from facadelake.core.code_version import compute_code_version, require_unchanged_code
 from facadelake.core.errors import InputDataError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.hashing import compute_key
@@ -21,6 +21,7 @@ from facadelake.sfm.settings import ReconstructionSettings
 from facadelake.sfm.worker_process import open_work_folder, run_worker
 from schemas.vocabulary import PhotoOutcome, PhotoRole
 
+_WORKER = "facadelake.sfm.worker.__main__"
 # COLMAP's default where the metadata state no focal length: 1.2 times the longer side.
 _DEFAULT_FOCAL_FACTOR = 1.2
 # Photographs that differ in one of these, in size or in the prior of the focal length are of different cameras.
@@ -71,9 +72,10 @@ def reconstruct(photos: pa.Table, photographs_root: Path, folder: Path, settings
         "pairs": choose_pairs(xyz_m, direction, close_range, settings, half_view_deg=half_view_deg),
         "uncertain_positions": np.flatnonzero(find_uncertain_positions(xyz_m, sigma_m, settings)).tolist(),
     }
-    code = compute_code_version("facadelake.sfm.worker.__main__").sha256
+    code = compute_code_version(_WORKER).sha256
     key = compute_key({"job": job, "photos": [row["sha256"] for row in rows], "code": code})
     with open_work_folder(folder.parent, key) as work:
+        require_unchanged_code(_WORKER)  # the worker loads it now, and fills a folder that a later run resumes from
         local_settings = {"photographs_root": str(photographs_root), "cores": settings.cores, "work": str(work)}
         run_worker(job | local_settings, folder)
         size_bytes = sum(path.stat().st_size for path in work.rglob("*") if path.is_file())

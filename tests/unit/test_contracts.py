@@ -71,6 +71,18 @@ PLANTED = [
         "facadelake.lake.commit -> facadelake.lake",
     ),
     (
+        "A package is entered through its face",
+        "facadelake.registration.rays",
+        "from facadelake import read_table",
+        "facadelake.registration.rays -> facadelake (",
+    ),
+    (
+        "A package is entered through its face",
+        "facadelake.deduplication.merge",
+        "from facadelake.building import ifc",
+        "facadelake.deduplication.merge -> facadelake.building.ifc (",
+    ),
+    (
         "Tasks know no picture but the report, no evaluation, no review, no demo",
         "tasks.draw",
         "import facadelake.evaluation",
@@ -161,3 +173,22 @@ def test_all_packages_at_the_top_are_looked_at() -> None:
     beside = {"benchmarks", "scripts", "tests", "training"}  # not of the product
     packages = {path.parent.name for path in REPOSITORY.glob("*/__init__.py")} - beside
     assert packages == set(config["root_packages"])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "import importlib\n\nX = importlib.import_module('facadelake.evaluation.campaigns')",
+        "from importlib import import_module as m\n\nX = m('facadelake.evaluation.campaigns')",
+        "import runpy\n\nX = runpy.run_module('facadelake.evaluation.campaigns')",
+        "import pkgutil\n\nX = pkgutil.resolve_name('facadelake.evaluation.campaigns')",
+    ],
+)
+@pytest.mark.parametrize("package", ["cli", "facadelake/registration", "schemas"])
+def test_imports_that_the_contracts_cannot_see_are_refused(package: str, text: str) -> None:
+    """The linter refuses what loads a module by a text."""
+    command = [sys.executable, "-m", "ruff", "check", "--stdin-filename", f"{package}/planted.py", "-"]
+    done = subprocess.run(
+        command, cwd=REPOSITORY, input=f'"""Planted."""\n\n{text}\n', capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1 and "TID251" in done.stdout, done.stdout

@@ -16,7 +16,7 @@ import pyarrow as pa
 from facadelake.building import BuildingModel
 from facadelake.campaigns import read_committed_model, read_committed_tables, register_on_committed_poses
 from facadelake.core.cache import open_stage_cache
-from facadelake.core.code_version import compute_code_version
+from facadelake.core.code_version import compute_code_version, require_unchanged_code
 from facadelake.core.errors import FacadelakeError, InputDataError
 from facadelake.core.hashing import compute_key, hash_file
 from facadelake.core.tables import read_table, write_table
@@ -212,6 +212,7 @@ def _detect_cached(
         workers = len(os.sched_getaffinity(0))
         table = detect_photographs(photos, root, model, class_names=classes, find_region=find_region, workers=workers)
         write_table("detections", table, folder)
+        require_unchanged_code(__name__)
 
     return read_table("detections", open_stage_cache(lake).get_or_make("compare", key, make).folder)
 

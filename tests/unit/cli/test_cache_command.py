@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from cli.main import app
 from facadelake.core.cache import MANIFEST, open_stage_cache
+from facadelake.core.errors import InputDataError
 from facadelake.lake import commit as commit_module
 from facadelake.lake.recorded_stage_keys import read_stage_keys
 from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, INPUTS, lake_tables
@@ -77,7 +78,52 @@ def test_listing_counts_by_stage(lake: Path) -> None:
     assert "40 days ago" in listed
     each = run("cache", "--all", "--lake", lake)
     assert "unused" in each and each.count("yes") == 3
-    assert "is empty" in run("cache", "--lake", lake / "nowhere")
+
+
+@pytest.mark.parametrize("command", [["cache"], ["cache", "prune", "--older-than", "30d"]])
+def test_a_folder_that_is_no_lake_is_refused(command: list[str], tmp_path: Path) -> None:
+    (tmp_path / "cache" / "notes" / "of somebody").mkdir(parents=True)
+    for folder in (tmp_path, tmp_path / "nowhere"):
+        with pytest.raises(InputDataError, match=r"there is no lake in .*; inspect a campaign first, or name another"):
+            run(*command, "--lake", folder)
+    assert (tmp_path / "cache" / "notes" / "of somebody").is_dir() and not (tmp_path / "nowhere").exists()
+
+
+@pytest.mark.parametrize("option", ["--lake", "--all"])
+def test_options_of_the_listing_are_refused_before_a_subcommand(
+    option: str, lake: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They would not count: what is pruned would be the default lake, not the one that was named."""
+    monkeypatch.setenv("FACADELAKE_LAKE", str(lake))
+    named = [option, str(tmp_path_factory.mktemp("another"))] if option == "--lake" else [option]
+    with pytest.raises(InputDataError, match=f"{option} before 'prune' is of the listing.*facadelake cache prune"):
+        run("cache", *named, "prune", "--older-than", "30d")
+    assert kept(lake) == {"old", "new", "both", "unused"}
+
+
+def test_results_of_an_earlier_version_are_named_as_such(lake: Path) -> None:
+    """Those of schema 1 have no manifest."""
+    for path in [*lake.glob(f"cache/*/*/{MANIFEST}")]:
+        path.unlink()
+        then = time.time() - 40 * 86400
+        os.utime(path.parent, (then, then))
+    listed = run("cache", "--lake", lake)
+    assert "4 results, 3.9 KiB, are of an earlier Facadelake" in " ".join(listed.split()) and "is empty" not in listed
+    assert "4 results of an earlier Facadelake removed" in run("cache", "prune", "--older-than", "1d", "--lake", lake)
+    assert list(lake.glob("cache/*/[!.]*")) == []
+
+
+@pytest.mark.parametrize("command", [["cache"], ["cache", "prune"], ["defects"], ["sql"], ["review", "list"], ["view"]])
+def test_what_only_reads_a_lake_does_not_say_that_it_creates_one(command: list[str]) -> None:
+    assert "created" not in run(*command, "--help") and "created" in run("inspect", "--help")
+
+
+def test_the_help_of_pruning_names_what_it_removes(lake: Path) -> None:
+    add_entry(lake, "draw", "pictures", days=40)
+    helped = " ".join(run("cache", "prune", "--help").replace("│", " ").split())
+    assert "checks and pictures of committed campaigns (the stages validate and draw) are removed" in helped
+    run("cache", "prune", "--older-than", "30d", "--lake", lake)
+    assert kept(lake) == {"old", "new", "both"}
 
 
 def test_pruning_removes_what_no_version_was_made_of(lake: Path) -> None:

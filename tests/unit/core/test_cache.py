@@ -3,7 +3,9 @@
 import json
 import logging
 import os
+import shutil
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -50,6 +52,21 @@ def test_diagnostics_are_checked_but_no_part_of_the_content(cache: StageCache) -
     assert not cache.get_or_make("merge", "k2", with_log).hit
 
 
+def edit_manifest(**values: object) -> Callable[[Path], object]:
+    def edit(folder: Path) -> None:
+        manifest = json.loads((folder / MANIFEST).read_text())
+        (folder / MANIFEST).write_text(json.dumps(manifest | values))
+
+    return edit
+
+
+def replace_by_another_entry(folder: Path) -> None:
+    """Intact in itself, and the result of something else."""
+    StageCache(root=folder.parents[1]).get_or_make("merge", "k2", lambda other: (other / "c").write_text("c") and None)
+    shutil.rmtree(folder)
+    shutil.copytree(folder.with_name("k2"), folder)
+
+
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
@@ -59,8 +76,20 @@ def test_diagnostics_are_checked_but_no_part_of_the_content(cache: StageCache) -
         (lambda folder: (folder / "c.json").write_text("{}"), "added: c.json"),
         (lambda folder: (folder / MANIFEST).write_text('{"files": {"b.js'), f"no readable {MANIFEST}"),
         (lambda folder: (folder / MANIFEST).unlink(), f"no readable {MANIFEST}"),
+        (lambda folder: (folder / MANIFEST).write_bytes(b"\xff\xfe\x00"), f"no readable {MANIFEST}"),
+        (lambda folder: (folder / MANIFEST).write_text("[]"), f"no readable {MANIFEST}"),
+        (edit_manifest(files=[]), f"no readable {MANIFEST}"),
+        (edit_manifest(files=None), f"no readable {MANIFEST}"),
+        (edit_manifest(files={"b.json": None}), f"no readable {MANIFEST}"),
+        (edit_manifest(files={"b.json": [2]}), f"no readable {MANIFEST}"),
+        (edit_manifest(content_sha256=None), f"no readable {MANIFEST}"),
+        (edit_manifest(content_sha256="0" * 64), f"the content_sha256 of {MANIFEST} is not that of its files"),
+        (edit_manifest(key="k2"), "it is the result merge/k2"),
+        (edit_manifest(stage="draw"), "it is the result draw/k1"),
+        (replace_by_another_entry, "it is the result merge/k2"),
+        (lambda folder: (shutil.rmtree(folder), folder.write_text("")), f"no readable {MANIFEST}"),
+        (lambda folder: (shutil.rmtree(folder), folder.symlink_to("nowhere")), f"no readable {MANIFEST}"),
     ],
-    ids=["truncated", "edited", "removed", "added", "truncated manifest", "no manifest"],
 )
 def test_damage_is_reported_and_the_entry_computed_again(
     cache: StageCache, damage: object, message: str, caplog: pytest.LogCaptureFixture
