@@ -135,3 +135,9 @@ _.dim_param
 
 # Of module warnings, set to record what Pillow warns about
 _.showwarning
+
+# Field of a report (evaluation/model_comparison)
+_.facadelake
+
+# What ast.NodeVisitor calls (core/source_code)
+_.visit_JoinedStr

@@ -26,39 +26,20 @@ from __future__ import annotations
 import ast
 import hashlib
 import platform
-import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import NoReturn
 
 from facadelake.core.checkout import CHECKOUT
 from facadelake.core.errors import CodeVersionError
 from facadelake.core.proj.grids import list_installed_grids
+from facadelake.core.source_code.references import FACE, list_packages, read_references
 
 # Imported but without influence on results: scheduling, locks, memory meters, the terminal.
 NOT_COMPUTING = frozenset({"filelock", "lazy-loader", "prefect", "psutil", "rich", "typer"})
-
-_LOCATE_SOURCE = "locate_source"
-_FACE = ("import lazy_loader", "__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)")
-# Names that reach code or files in ways that the closure does not follow, with what to write instead.
-_LITERAL = f'write {_LOCATE_SOURCE}("folder/file") with a literal'
-_IMPORT = "write an import statement"
-_REFUSED = {
-    **dict.fromkeys(("CHECKOUT", "__file__", "__path__", "__spec__", "__loader__", _LOCATE_SOURCE), _LITERAL),
-    **dict.fromkeys(("__import__", "exec", "eval", "lazy_loader", "import_module"), _IMPORT),
-}
-# Modules that may use those of _LITERAL: they are this mechanism, or locate what users choose (hashed as an input).
-_MAY_LOCATE = (
-    "facadelake/core/checkout.py",
-    "facadelake/core/code_version.py",
-    "facadelake/detection/model_registry.py",
-)
-_IMPORT_MACHINERY = frozenset({"builtins", "importlib", "pkgutil", "runpy", "zipimport"})
-_HARMLESS_MACHINERY = frozenset({("importlib", "metadata"), ("importlib.util", "find_spec")})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,19 +158,9 @@ def _collect_closure(module: str, root: Path, read: Callable[[Path], _Source | N
     return closure
 
 
-@dataclass(frozen=True, kw_only=True)
-class _References:
-    """What a module refers to: modules, names of modules, source files, and strings that may name a module."""
-
-    modules: tuple[str, ...]
-    names: tuple[tuple[str, str], ...]
-    sources: tuple[str, ...]
-    strings: tuple[str, ...]
-
-
 def _find_dependencies(path: Path, content: bytes, root: Path) -> Iterator[Path | str]:
     """Files of the checkout that a module uses, and top-level names of other packages that it imports."""
-    references = _read_references(path, content, root)
+    references = read_references(path, content, root)
     yield from _find_packages_above(path, root)
     for module in references.modules:
         yield from _resolve_module(module, root)
@@ -206,162 +177,12 @@ def _find_dependencies(path: Path, content: bytes, root: Path) -> Iterator[Path 
                 yield main
 
 
-@cache
-def _read_references(path: Path, content: bytes, root: Path) -> _References:
-    """The references of a module with this content: many stages share a module, which is parsed once."""
-    reader = _ReferenceReader(path, root)
-    reader.visit(ast.parse(content, filename=str(path)))
-    return _References(
-        modules=tuple(reader.modules),
-        names=tuple(reader.names),
-        sources=tuple(reader.sources),
-        strings=tuple(reader.strings),
-    )
-
-
-class _ReferenceReader(ast.NodeVisitor):
-    """Collects the references of one module; raises for a form that is not understood."""
-
-    def __init__(self, path: Path, root: Path) -> None:
-        self.modules: list[str] = []
-        self.names: list[tuple[str, str]] = []
-        self.sources: list[str] = []
-        self.strings: list[str] = []
-        self._path = path
-        self._packages = _list_packages(root)
-        self._may_locate = path.relative_to(root).as_posix() in _MAY_LOCATE
-        self._bound: set[str] = set()  # packages of the checkout that `import package.module` binds
-        self._used: dict[str, ast.Name] = {}
-        self._in_code = re.compile(
-            rf"\b(?:{'|'.join(self._packages)})[./]\w|\b(?:from|import)\s+(?:{'|'.join(self._packages)})\b"
-        )
-
-    def _refuse(self, node: ast.AST, what: str, remedy: str) -> NoReturn:
-        line = getattr(node, "lineno", 0)
-        raise CodeVersionError(
-            f"{self._path}:{line}: {what} is not followed, so a cached result could outlive the code it names; {remedy}"
-        )
-
-    def _is_of_checkout(self, module: str) -> bool:
-        return module.partition(".")[0] in self._packages
-
-    def visit(self, node: ast.AST) -> None:
-        """Visit a statement or expression, without those of a face, which the stub describes."""
-        if not (isinstance(node, ast.Import | ast.Assign) and ast.unparse(node) in _FACE):
-            super().visit(node)
-
-    def visit_Module(self, node: ast.Module) -> None:
-        """``import a.b`` binds ``a``, which may not be used: its attributes could be anything."""
-        self.generic_visit(node)
-        for package in sorted(self._bound & self._used.keys()):
-            self._refuse(self._used[package], f"an attribute of {package}", "write from module import name")
-
-    def visit_If(self, node: ast.If) -> None:
-        """The body of ``if TYPE_CHECKING`` is never executed; what follows ``else`` is."""
-        if ast.unparse(node.test) not in ("TYPE_CHECKING", "typing.TYPE_CHECKING"):
-            self.generic_visit(node)
-        for statement in node.orelse:
-            self.visit(statement)
-
-    def visit_Expr(self, node: ast.Expr) -> None:
-        """A docstring is no code."""
-        if not isinstance(node.value, ast.Constant):
-            self.generic_visit(node)
-
-    def visit_Import(self, node: ast.Import) -> None:
-        """``import a.b`` executes ``a.b``."""
-        for alias in node.names:
-            package = alias.name.partition(".")[0]
-            if package in _IMPORT_MACHINERY or package == "lazy_loader":
-                self._refuse(node, f"import {alias.name}", _IMPORT)
-            if package in self._packages:
-                if alias.asname:
-                    self._refuse(node, f"import {alias.name} as {alias.asname}", f"write from {alias.name} import name")
-                self._bound.add(package)
-            self.modules.append(alias.name)
-
-    def visit_ImportFrom(self, node: ast.ImportFrom) -> None:
-        """Each name is resolved where it is defined."""
-        if node.level or node.module is None:
-            self._refuse(node, "a relative import", "write the full name of the module")
-        package = node.module.partition(".")[0]
-        for alias in node.names:
-            machinery = package in _IMPORT_MACHINERY or package == "lazy_loader"
-            if (
-                machinery
-                and node.module != "importlib.metadata"
-                and (node.module, alias.name) not in _HARMLESS_MACHINERY
-            ):
-                self._refuse(node, f"from {node.module} import {alias.name}", _IMPORT)
-            if alias.name == "*" and package in self._packages:
-                self._refuse(node, f"from {node.module} import *", "name what is imported")
-            if alias.name == _LOCATE_SOURCE and alias.asname:
-                self._refuse(node, f"{_LOCATE_SOURCE} under another name", _LITERAL)
-            if alias.name == "CHECKOUT" and package in self._packages and not self._may_locate:
-                self._refuse(node, "CHECKOUT", _LITERAL)
-            self.names.append((node.module, alias.name))
-
-    def visit_Call(self, node: ast.Call) -> None:
-        """``locate_source("...")`` names a file or folder; any other use of it is refused by its name."""
-        match node:
-            case ast.Call(func=ast.Name(id=name), args=[ast.Constant(value=str(relative))], keywords=[]) if (
-                name == _LOCATE_SOURCE
-            ):
-                self.sources.append(relative)
-            case _:
-                self.generic_visit(node)
-
-    def visit_Name(self, node: ast.Name) -> None:
-        """Names that reach code or files otherwise."""
-        self._check_name(node, node.id)
-        self._used.setdefault(node.id, node)
-
-    def visit_Attribute(self, node: ast.Attribute) -> None:
-        """The same names as attributes, such as ``checkout.locate_source``; ``sys.modules``."""
-        if node.attr not in ("eval", "exec"):  # pandas and others have methods of that name
-            self._check_name(node, node.attr)
-        if ast.unparse(node) == "sys.modules":
-            self._refuse(node, "sys.modules", _IMPORT)
-        self.generic_visit(node)
-
-    def _check_name(self, node: ast.AST, name: str) -> None:
-        remedy = _REFUSED.get(name)
-        if remedy and not (self._may_locate and remedy == _LITERAL):
-            self._refuse(node, name, remedy)
-
-    def visit_JoinedStr(self, node: ast.JoinedStr) -> None:
-        """A module's name or a path that is put together."""
-        text = "".join(str(part.value) if isinstance(part, ast.Constant) else "x" for part in node.values)
-        if self._in_code.search(text):
-            self._refuse(node, f"the module or file named by the text '{text[:60]}'", _IMPORT)
-        for part in node.values:
-            if not isinstance(part, ast.Constant):
-                self.visit(part)
-
-    def visit_Constant(self, node: ast.Constant) -> None:
-        """A string that is the name of a module is followed; code or a path in a string is not."""
-        if not isinstance(node.value, str | bytes):
-            return
-        text = node.value if isinstance(node.value, str) else node.value.decode("latin-1")
-        if "." in text and all(part.isidentifier() for part in text.split(".")):
-            self.strings.append(text)
-        elif self._in_code.search(text) and not self._may_locate:
-            self._refuse(node, f"the module or file named by the text '{text[:60]}'", _IMPORT)
-
-
-@cache
-def _list_packages(root: Path) -> tuple[str, ...]:
-    """Top-level packages and modules of the checkout."""
-    packages = {path.parent.name for path in root.glob("*/__init__.py")}
-    return tuple(sorted(packages | {path.stem for path in root.glob("*.py")}))
-
-
 def _resolve_module(name: str, root: Path) -> Iterator[Path | str]:
     found = _find_module_file(name, root)
     package = name.partition(".")[0]
     if found is not None:
         yield from _include_packages_above(found, root)
-    elif package in _list_packages(root):
+    elif package in list_packages(root):
         raise CodeVersionError(f"the checkout {root} has no module {name}, which is imported")
     elif package not in sys.stdlib_module_names:
         yield package
@@ -409,7 +230,7 @@ def _find_packages_above(path: Path, root: Path) -> Iterator[Path]:
 def _attaches_stub(init: Path) -> bool:
     """Whether an ``__init__`` is a face: its names come from its stub."""
     source = _read_source(init)
-    return source is not None and _FACE[1] in source.content.decode().splitlines()
+    return source is not None and FACE[1] in source.content.decode().splitlines()
 
 
 def _read_face(stub: Path) -> Mapping[str, str]:

@@ -57,6 +57,8 @@ def open_to_read(folder: Path, *, as_of: int | None = None) -> Iterator[duckdb.D
     folder = folder.resolve()
     if not has_lake(folder):
         raise StoreError(f"there is no lake in {folder} (no {CATALOG}); inspect a campaign first, or name another lake")
+    if as_of is not None:
+        _require_version(folder, as_of)
     snapshot = "" if as_of is None else f", SNAPSHOT_VERSION {int(as_of)}"
     version = "" if as_of is None else f" at version {as_of}"
     with wrap_store_errors(f"opening the lake {folder}{version}", _OPENING):
@@ -66,6 +68,23 @@ def open_to_read(folder: Path, *, as_of: int | None = None) -> Iterator[duckdb.D
         with wrap_store_errors(f"opening the lake {folder}{version}", _OPENING):
             _attach(connection, folder, f", READ_ONLY{snapshot}")
         yield connection
+
+
+def _require_version(folder: Path, as_of: int) -> None:
+    """Raise StoreError where the lake has no such version, with those that it has."""
+    with (
+        open_to_read(folder) as connection,
+        wrap_store_errors(f"reading the versions of the lake {folder}", "check that its files are whole"),
+    ):
+        first, last = connection.execute(
+            "SELECT min(snapshot_id) FILTER (WHERE commit_extra_info IS NOT NULL), max(snapshot_id) "
+            "FROM ducklake_snapshots('lake')"
+        ).fetchall()[0]
+    if first is None or not first <= as_of <= last:
+        held = "none" if first is None else f"{first} to {last}"
+        raise StoreError(
+            f"the lake {folder} has no version {as_of}; it has {held} ('facadelake sql history' lists what made them)"
+        )
 
 
 @contextmanager

@@ -150,10 +150,19 @@ def query(lake: Path, sql: str, parameters: Mapping[str, Value] | None = None, *
                 rows = connection.execute(sql, dict(parameters) if parameters else None).to_arrow_table()
         except (duckdb.IOException, duckdb.InternalException, duckdb.FatalException) as error:
             raise StoreError(f"the lake {lake} could not be read: {error}; check that its files are whole") from error
+        except duckdb.ConversionException as error:
+            raise InputDataError(_describe_conversion(error, parameters)) from error
         except duckdb.Error as error:
             raise InputDataError(f"the question cannot be answered: {str(error).strip()}") from error
     plain = [pa.field(field.name, field.type, field.nullable) for field in rows.schema]  # without DuckDB's metadata
     return rows.cast(pa.schema(plain))
+
+
+def _describe_conversion(error: duckdb.Error, parameters: Mapping[str, Value] | None) -> str:
+    """DuckDB shows the line of SQL, which the user of a stored question did not write."""
+    reason = str(error).splitlines()[0].removeprefix("Conversion Error: ")
+    given = ", ".join(f"{name}={value}" for name, value in (parameters or {}).items() if value is not None)
+    return f"the question cannot be answered{f' with {given}' if given else ''}: {reason}; give a value of that type"
 
 
 @contextmanager

@@ -88,6 +88,11 @@ def _read_entries(file: Path, mistakes: list[str]) -> Iterator[tuple[str, dict[s
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         mistakes.append(f"{file}: not readable as YAML: {' '.join(str(error).split())}")
         return
+    if content is None:
+        mistakes.append(
+            f"{file}: the file is empty; 'buildings:' with a list of buildings is expected, or one building"
+        )
+        return
     if isinstance(content, dict) and "buildings" in content:
         unknown = sorted(content.keys() - {"buildings"})
         if unknown:

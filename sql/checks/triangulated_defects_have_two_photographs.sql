@@ -1,6 +1,6 @@
 -- table: defects
 -- grain: defect
--- meaning: a triangulated position has two photo_count or more, and a deviation its sigma
+-- meaning: a defect of triangulated position is seen in two photographs or more, and a deviation has its sigma
 SELECT defect_id, position_method, photo_count, deviation_from_model_m, deviation_sigma_m
 FROM defects
 WHERE (position_method = 'triangulated' AND photo_count < 2)

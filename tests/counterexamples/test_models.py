@@ -52,7 +52,7 @@ def test_a_truncated_model_is_refused_before_it_is_parsed(write_ifc: WriteIfc, s
 @pytest.mark.parametrize(
     ("content", "what"),
     [
-        (b"", f"is not an IFC in STEP text: it starts with b'', not ISO-10303-21; {NOT_STEP}"),
+        (b"", f"is not an IFC in STEP text: the file is empty, not ISO-10303-21; {NOT_STEP}"),
         (
             b"PK\x03\x04 zipped",
             f"is not an IFC in STEP text: it starts with b'PK\\x03\\x04 zipped', not ISO-10303-21; {NOT_STEP}",

@@ -40,7 +40,7 @@ VERBS = frozenset(
     shrink simplify smooth snap solve sort split square standardise start state step stop store straighten strip
     subdivide subtract suggest sum summarise suppress take test thin tile time tint trace track train transform
     translate triangulate trim trust try turn undistort union unite unpack update upload use validate verify view
-    vote wait walk warn weigh weight whiten widen wrap write
+    visit vote wait walk warn weigh weight whiten widen wrap write
     """.split()  # noqa: SIM905
 )
 # Named as the command line, Prefect or a library wants them.

@@ -59,8 +59,9 @@ def open_ifc(path: Path) -> ifcopenshell.file:
         ) from error
     # Checked before parsing: a truncated file parses without an error and lacks elements.
     if not head.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(_HEAD):
+        start = f"it starts with {head[:16]!r}" if head else "the file is empty"
         raise ModelError(
-            f"building model {path} is not an IFC in STEP text: it starts with {head[:16]!r}, not ISO-10303-21; "
+            f"building model {path} is not an IFC in STEP text: {start}, not ISO-10303-21; "
             "export it as .ifc (IFC2x3, IFC4 or IFC4.3), not zipped or as XML"
         )
     if _TAIL not in tail:

@@ -77,7 +77,7 @@ def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def forget_sources() -> None:
     """As in a new process."""
-    for cached in (module._compute_version, module._collect_first_closure, module._read_source, module._list_packages):
+    for cached in (module._compute_version, module._collect_first_closure, module._read_source, module.list_packages):
         cached.cache_clear()
 
 

@@ -141,7 +141,7 @@ def test_mistakes_are_named(lake: Path) -> None:
         query(lake, "SELEKT 1")
     with pytest.raises(InputDataError, match="the lake has no table defetcs; its tables are buildings, "):
         query(lake, "SELECT * FROM defetcs")
-    with pytest.raises(StoreError, match="No snapshot found at version 99"):
+    with pytest.raises(StoreError, match="has no version 99; it has "):
         query(lake, "SELECT 1", as_of=99)
 
 
@@ -157,3 +157,11 @@ def test_statement_without_a_header(tmp_path: Path) -> None:
     (tmp_path / "x.sql").write_text("-- grain: row\nSELECT 1")
     with pytest.raises(StoreError, match=r"the header of x.sql lacks meaning"):
         read_statement_file(tmp_path / "x.sql")
+
+
+def test_a_parameter_of_another_type_is_named_without_sql(lake: Path) -> None:
+    with pytest.raises(InputDataError) as raised:
+        answer_question(lake, "worst_defects", {"limit": "x"})
+    assert str(raised.value) == (
+        "the question cannot be answered with limit=x: Could not convert string 'x' to INT64; give a value of that type"
+    )

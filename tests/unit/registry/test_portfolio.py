@@ -162,3 +162,12 @@ def test_mistakes_in_positions_are_named(line: str, message: str, tmp_path: Path
     with pytest.raises(InputDataError) as raised:
         read_portfolio(_write(tmp_path, GOOD + f"    positions: {line}\n"))
     assert message in str(raised.value)
+
+
+@pytest.mark.parametrize("text", ["", "# nothing but a remark\n", "---\n"])
+def test_an_empty_portfolio_is_named(text: str, tmp_path: Path) -> None:
+    (tmp_path / "portfolio.yaml").write_text(text)
+    with pytest.raises(
+        InputDataError, match=r"portfolio\.yaml: the file is empty; 'buildings:' with a list of buildings"
+    ):
+        read_portfolio(tmp_path / "portfolio.yaml")

@@ -1,0 +1,1 @@
+"""Reading the source of Facadelake itself."""
