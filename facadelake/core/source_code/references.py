@@ -63,13 +63,20 @@ class _ReferenceReader(ast.NodeVisitor):
         self.sources: list[str] = []
         self.strings: list[str] = []
         self._path = path
+        self._root = root
         self._packages = list_packages(root)
         self._may_locate = path.relative_to(root).as_posix() in _MAY_LOCATE
         self._bound: set[str] = set()  # packages of the checkout that `import package.module` binds
         self._used: dict[str, ast.Name] = {}
-        self._in_code = re.compile(
-            rf"\b(?:{'|'.join(self._packages)})[./]\w|\b(?:from|import)\s+(?:{'|'.join(self._packages)})\b"
-        )
+        packages = "|".join(self._packages)
+        self._path_in_text = re.compile(rf"\b({packages})[./](\w+)")
+        self._import_in_text = re.compile(rf"\b(?:from|import)\s+(?:{packages})\b")
+
+    def _names_code(self, text: str) -> bool:
+        """Whether a text has code that imports from the checkout, or the name or path of a module of it."""
+        named = (self._root / package / name for package, name in self._path_in_text.findall(text))
+        exists = any(path.is_dir() or path.with_suffix(".py").is_file() for path in named)
+        return exists or self._import_in_text.search(text) is not None
 
     def _refuse(self, node: ast.AST, what: str, remedy: str) -> NoReturn:
         line = getattr(node, "lineno", 0)
@@ -163,8 +170,9 @@ class _ReferenceReader(ast.NodeVisitor):
 
     def visit_JoinedStr(self, node: ast.JoinedStr) -> None:
         """A module's name or a path that is put together."""
-        text = "".join(str(part.value) if isinstance(part, ast.Constant) else "x" for part in node.values)
-        if self._in_code.search(text):
+        text = "".join(str(part.value) if isinstance(part, ast.Constant) else "{}" for part in node.values)
+        put_together = re.search(rf"\b(?:{'|'.join(self._packages)})[./](?:\w+[./])*\{{", text)
+        if put_together or self._names_code(text):
             self._refuse(node, f"the module or file named by the text '{text[:60]}'", _IMPORT)
         for part in node.values:
             if not isinstance(part, ast.Constant):
@@ -177,7 +185,7 @@ class _ReferenceReader(ast.NodeVisitor):
         text = node.value if isinstance(node.value, str) else node.value.decode("latin-1")
         if "." in text and all(part.isidentifier() for part in text.split(".")):
             self.strings.append(text)
-        elif self._in_code.search(text) and not self._may_locate:
+        elif self._names_code(text) and not self._may_locate:
             self._refuse(node, f"the module or file named by the text '{text[:60]}'", _IMPORT)
 
 
