@@ -10,9 +10,15 @@ from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import transform
 from facadelake.core.proj.crs import GEO, check_area_of_use
 from facadelake.georeferencing import Control, SiteFrame, georeference_reconstruction
-from facadelake.georeferencing.gcp.control_points import SurveyedPoint, SurveyedPoints, transform_to_site
+from facadelake.georeferencing.gcp.control_points import (
+    SurveyedPoint,
+    SurveyedPoints,
+    compute_height_factor,
+    transform_to_site,
+)
 from facadelake.georeferencing.georeferenced_campaign import GeoreferencedCampaign
 from facadelake.georeferencing.gps.priors import collect_gps_priors
+from facadelake.georeferencing.imported.world import North, PoseWorld
 from schemas.vocabulary import ControlKind, HeightDatum
 from tests.synthetic.test_georeference import ORIGIN, Scene, build_ring
 
@@ -59,6 +65,23 @@ def test_heights_are_in_the_feet_of_a_crs_that_says_nothing_of_heights() -> None
     np.testing.assert_allclose(
         transform_to_site(metres, FRAME), transform_to_site(CONTROL, FRAME), rtol=0, atol=0.001
     )  # m
+
+
+def test_heights_go_to_the_unit_of_the_vertical_crs() -> None:
+    """NAVD88 in US survey feet beside a map in metres, and the reverse; a CRS with heights says its unit itself."""
+    assert compute_height_factor("EPSG:6423", "EPSG:6423+6360") == pytest.approx(1 / US_FOOT_M)
+    assert compute_height_factor("EPSG:2229", "EPSG:2229+5703") == pytest.approx(US_FOOT_M)
+    assert compute_height_factor("EPSG:2229", "EPSG:2229+6360") == pytest.approx(1.0)
+    assert compute_height_factor("EPSG:2229+6360", "EPSG:2229+6360") == 1.0
+    assert compute_height_factor("EPSG:4326", "EPSG:4326+5773") == 1.0
+
+
+def test_poses_in_feet_have_heights_in_feet() -> None:
+    crs = "+proj=utm +zone=32 +datum=WGS84 +units=us-ft +no_defs"
+    xyz = np.array([[p.x, p.y, p.z] for p in CONTROL.points])
+    rotations = np.broadcast_to(np.eye(3), (len(xyz), 3, 3))
+    in_feet, _ = PoseWorld(crs=crs, north=North.TRUE).transform_to_site(xyz / US_FOOT_M, rotations, FRAME)
+    np.testing.assert_allclose(in_feet, transform_to_site(CONTROL, FRAME), rtol=0, atol=0.001)  # m
 
 
 def test_control_in_the_datum_of_the_model_has_no_error_of_the_datum() -> None:

@@ -279,9 +279,9 @@ def transform_to_site(surveyed: SurveyedPoints, site_frame: SiteFrame) -> Float6
             check_area_of_use(xyz, surveyed.crs)
         except GeoreferenceError as error:
             raise GeoreferenceError(f"control points {surveyed.source}: {error}") from error
-    xyz[:, 2] *= get_height_unit_m(surveyed.crs)
     xyz_site = np.full(xyz.shape, np.nan)
     crs = add_vertical_datum(surveyed.crs, site_frame.vertical_datum)
+    xyz[:, 2] *= compute_height_factor(surveyed.crs, crs)
     try:
         xyz_site[inside] = site_from_crs(xyz[inside], crs, site_frame)
     except GeoreferenceError as error:
@@ -301,6 +301,17 @@ def has_own_heights(crs: str) -> bool:
     """Whether the CRS has a height axis, compound or three-dimensional."""
     parsed = pyproj.CRS.from_user_input(crs)
     return bool(parsed.is_compound or len(parsed.axis_info) == 3)
+
+
+def compute_height_factor(crs: str, crs_with_heights: str) -> float:
+    """Factor from heights given beside coordinates of ``crs`` to the height axis of ``crs_with_heights``.
+
+    1 where ``crs`` has heights of its own; a vertical CRS in feet (EPSG:6360) beside a map in metres has another unit.
+    """
+    if has_own_heights(crs):
+        return 1.0
+    axes = promote_to_3d(crs_with_heights).axis_info
+    return get_height_unit_m(crs) / (float(axes[2].unit_conversion_factor) if len(axes) == 3 else 1.0)
 
 
 def add_vertical_datum(crs: str, vertical_datum: str) -> str:

@@ -13,7 +13,7 @@ from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.proj.crs import promote_to_3d
 from facadelake.georeferencing.datum_shift import DatumShift, find_datum_shift, site_from_crs
-from facadelake.georeferencing.gcp.control_points import add_vertical_datum, has_own_heights
+from facadelake.georeferencing.gcp.control_points import add_vertical_datum, compute_height_factor, has_own_heights
 from facadelake.georeferencing.site_frame import SiteFrame
 
 SITE = "site"
@@ -87,7 +87,9 @@ class PoseWorld:
     def _site_from_crs(self, xyz: Float64Nx3, site_frame: SiteFrame) -> Float64Nx3:
         if self.crs == SITE:
             return self._site_from_own_site(site_frame).apply(xyz)
-        return site_from_crs(xyz, self.resolve_crs(site_frame), site_frame)
+        crs = self.resolve_crs(site_frame)
+        factor = compute_height_factor(self.crs or site_frame.map_crs, crs)
+        return site_from_crs(xyz * np.array([1.0, 1.0, factor]), crs, site_frame)
 
     def _rotate_from_axes(self, xyz: Float64Nx3, site_frame: SiteFrame) -> Float64Nx3x3:
         """Rotations (n, 3, 3) from the CRS's axes at ``xyz`` (n, 3) to site: the Jacobian without its scale.
