@@ -32,16 +32,14 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
+from benchmarks.exif_bytes import DOUBLE, SHORT, ExifEntry, Value, build_exif, encode_ratios
 from facadelake.photos.position_prior import PositionPrior
 from facadelake.photos.priors import PhotoMetadata, derive_priors
 from facadelake.photos.read import read_photos
 from schemas.vocabulary import PositionSource
 
-_BYTE, _ASCII, _SHORT, _LONG, _RATIONAL, _SIGNED_RATIONAL, _DOUBLE = 1, 2, 3, 4, 5, 10, 12
 _POSITION_DEG, _HEIGHT_M = 1e-7, 1e-3
 _SHOWN_MAX = 10
-
-Entry = tuple[int, int, bytes]  # type, count, bytes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,23 +53,8 @@ class Finding:
 # ---------------------------------------------------------------- generated EXIF
 
 
-def _encode_ratios(pairs: Sequence[tuple[int, int]]) -> Entry:
-    signed = any(number < 0 for pair in pairs for number in pair)
-    form = "<2l" if signed else "<2L"
-    return (
-        _SIGNED_RATIONAL if signed else _RATIONAL,
-        len(pairs),
-        b"".join(struct.pack(form, *pair) for pair in pairs),
-    )
-
-
-def _encode_text(text: str) -> Entry:
-    data = text.encode("utf-8") + b"\0"
-    return _ASCII, len(data), data
-
-
 @st.composite
-def _draw_angle(draw: st.DrawFn, largest_deg: int) -> Entry:
+def _draw_angle(draw: st.DrawFn, largest_deg: int) -> Value:
     """An angle in one of the forms that are found in files, and in some that are not."""
     degrees, minutes = draw(st.integers(0, largest_deg)), draw(st.integers(0, 59))
     seconds = draw(st.integers(0, 599_999))  # of 1/10,000 of a second
@@ -97,56 +80,37 @@ def _draw_angle(draw: st.DrawFn, largest_deg: int) -> Entry:
     pairs = forms[draw(st.sampled_from(weights))]
     other = draw(st.integers(0, 59))
     if other == 17:
-        return _encode_text(f"{degrees} {minutes} {seconds / 10_000}")
+        return f"{degrees} {minutes} {seconds / 10_000}"
     if other == 27:
-        return _DOUBLE, 3, struct.pack("<3d", degrees, minutes, seconds / 10_000)
+        return ExifEntry(kind=DOUBLE, count=3, data=struct.pack("<3d", degrees, minutes, seconds / 10_000))
     if other == 37:
-        return _SHORT, 3, struct.pack("<3H", degrees, minutes, seconds // 10_000)
-    return _encode_ratios(pairs)
+        return ExifEntry(kind=SHORT, count=3, data=struct.pack("<3H", degrees, minutes, seconds // 10_000))
+    return encode_ratios(pairs)
 
 
 _LAT_REFS = (*("N", "S") * 10, "n", "s", "North", "South", "", "E", "-", "\0", "Süd", " S", "S ", "NS")
 _LON_REFS = (*("E", "W") * 10, "e", "w", "East", "West", "", "N", "+", "\0", "Ost", " W", "W ", "WE")
-_ALTITUDE_REFS: tuple[Entry | None, ...] = (
-    (_BYTE, 1, b"\0"), (_BYTE, 1, b"\1"), (_BYTE, 1, b"\0"), (_BYTE, 1, b"\2"), (_BYTE, 1, b"\3"), (_BYTE, 1, b"0"),
-    (_BYTE, 1, b"1"), (_BYTE, 1, b"\x09"), _encode_text("0"), _encode_text("1"), _encode_text("Below Sea Level"),
-    _encode_text("Above Sea Level"), _encode_text("unten"), (_SHORT, 1, b"\1\0"), None,
+_ALTITUDE_REFS: tuple[Value | None, ...] = (
+    b"\0", b"\1", b"\0", b"\2", b"\3", b"0",
+    b"1", b"\x09", "0", "1", "Below Sea Level",
+    "Above Sea Level", "unten", 1, None,
 )  # fmt: skip
 
 
 @st.composite
-def _draw_gps(draw: st.DrawFn) -> dict[int, Entry]:
-    tags: dict[int, Entry] = {}
+def _draw_gps(draw: st.DrawFn) -> dict[int, Value]:
+    tags: dict[int, Value] = {}
     for number, refs, largest_deg in ((1, _LAT_REFS, 90), (3, _LON_REFS, 180)):
         if draw(st.integers(0, 29)) != 17:
-            tags[number] = _encode_text(draw(st.sampled_from(refs)))
+            tags[number] = draw(st.sampled_from(refs))
         if draw(st.integers(0, 29)) != 17:
             tags[number + 1] = draw(_draw_angle(largest_deg))
     ref = draw(st.sampled_from(_ALTITUDE_REFS))
     if ref is not None:
         tags[5] = ref
     if draw(st.integers(0, 4)) != 3:
-        tags[6] = _encode_ratios([(draw(st.integers(-40_000, 300_000)), draw(st.sampled_from([100, 1000, 1, 0])))])
+        tags[6] = encode_ratios([(draw(st.integers(-40_000, 300_000)), draw(st.sampled_from([100, 1000, 1, 0])))])
     return tags
-
-
-def _build_directory(tags: dict[int, Entry], offset: int) -> bytes:
-    entries, values = b"", b""
-    start = offset + 2 + 12 * len(tags) + 4
-    for tag, (kind, count, data) in sorted(tags.items()):
-        if len(data) <= 4:
-            entries += struct.pack("<HHL", tag, kind, count) + data.ljust(4, b"\0")
-        else:
-            entries += struct.pack("<HHLL", tag, kind, count, start + len(values))
-            values += data + b"\0" * (len(data) % 2)
-    return struct.pack("<H", len(tags)) + entries + b"\0" * 4 + values
-
-
-def _build_exif(gps: dict[int, Entry]) -> bytes:
-    head = {271: _encode_text("Maker"), 272: _encode_text("Model"), 0x8825: (_LONG, 1, b"\0\0\0\0")}
-    gps_at = 8 + len(_build_directory(head, 8))
-    head[0x8825] = (_LONG, 1, struct.pack("<L", gps_at))
-    return b"Exif\0\0II*\0" + struct.pack("<L", 8) + _build_directory(head, 8) + _build_directory(gps, gps_at)
 
 
 # ---------------------------------------------------------------- generated XMP
@@ -210,7 +174,7 @@ def _draw_photograph(draw: st.DrawFn) -> bytes:
     segments = []
     has_exif, has_xmp = draw(st.sampled_from([(True, False), (False, True), (True, True)]))
     if has_exif:
-        exif = bytearray(_build_exif(draw(_draw_gps())))
+        exif = bytearray(build_exif(head={271: "Maker", 272: "Model"}, detail={}, gps=draw(_draw_gps())))
         if draw(st.integers(0, 7)) == 3:  # damaged
             for _ in range(draw(st.integers(1, 3))):
                 exif[draw(st.integers(6, len(exif) - 1))] = draw(st.integers(0, 255))

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from PIL.TiffImagePlugin import IFDRational
 
+from benchmarks.exif_bytes import Value
 from facadelake.core.arrays import Float64N, Float64Nx2
 from facadelake.photos.ingest import ingest_photographs
-from tests.unit.photos.exif_bytes import Value
 from tests.unit.photos.small_photographs import XMP, dms, photograph_with
 
 LAT, LON = 48.9405, 8.4078  # deg
