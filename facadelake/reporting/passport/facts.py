@@ -188,6 +188,11 @@ def _report_doming(row: Row) -> Fact:
     )
 
 
+def _format_accuracy(accuracy_m: float | None) -> str:
+    """Stated accuracy of a coordinate operation in words."""
+    return "accuracy unknown" if accuracy_m is None else f"accuracy {accuracy_m:g} m"
+
+
 def _report_other_facts(row: Row, poses: pa.Table) -> Iterator[Fact]:
     """Further facts, most of them without assessment; those that were not measured are omitted."""
     if row["control"] != ControlKind.GPS and row["gps_offset_east_m"] is not None:
@@ -221,6 +226,19 @@ def _report_other_facts(row: Row, poses: pa.Table) -> Iterator[Fact]:
             meaning="sills, storey lines and corners matched in photographs; repeated windows may match one bay off",
             limit="higher than at any other shift",
             status=FactStatus.GOOD if runner_up is None or row["edge_score"] > runner_up else FactStatus.CHECK,
+        )
+    if row["crs_operation"] is not None:
+        yield Fact(
+            name="longitude and latitude",
+            value=f"{row['crs_operation']}, {_format_accuracy(row['crs_operation_accuracy_m'])}",
+            meaning="PROJ's operation from the model's CRS; its accuracy is not in the standard deviations",
+        )
+    if row["control_operation"] is not None and row["control_operation_accuracy_m"] != 0.0:
+        yield Fact(
+            name="datum of the control",
+            value=f"{row['control_operation']}, {_format_accuracy(row['control_operation_accuracy_m'])}; "
+            f"in the standard deviations: {format_length(row['control_operation_sigma_m'])}",
+            meaning="PROJ's operation from the CRS of the control to that of the model",
         )
     sigmas = _collect_camera_sigmas(poses)
     if len(sigmas):

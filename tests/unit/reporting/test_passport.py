@@ -36,6 +36,8 @@ CENTIMETRES: dict[str, Any] = {
     "gps_offset_east_m": 1.25, "gps_offset_north_m": -0.84, "gps_offset_up_m": 1.95, "gps_offset_sigma_m": 0.1,
     "tie_sigma_px": 0.32, "tie_variance_factor": 2.5, "model_residual_m": 0.034, "doming_m": -0.012,
     "doming_sigma_m": 0.008, "edge_features": None, "edge_score": None, "edge_score_runner_up": None, "remarks": "",
+    "crs_operation": "ETRS89 to WGS 84 (1)", "crs_operation_accuracy_m": 1.0, "control_operation": None,
+    "control_operation_accuracy_m": None, "control_operation_sigma_m": None,
 }  # fmt: skip
 
 
@@ -196,3 +198,18 @@ def test_a_passport_without_points_or_cameras_is_drawn(painted: PaintedWall, tmp
     picture = cv2.imread(str(draw_passport(inspection, tmp_path / "passport.png")))
     assert min(picture.shape[:2]) > 1000
     assert (picture < 128).any(axis=2).mean() > 0.005  # there is writing on it
+
+
+def test_datums_are_facts_where_they_differ() -> None:
+    poses = get_stage_schema("poses").empty_table()
+    facts = {fact.name: fact.value for fact in list_passport_facts(CENTIMETRES, poses, placement_sigma_max_m=0.5)}
+    assert facts["longitude and latitude"] == "ETRS89 to WGS 84 (1), accuracy 1 m"
+    assert "datum of the control" not in facts
+    shifted = CENTIMETRES | {
+        "control_operation": "ED50 to ETRS89 (1)", "control_operation_accuracy_m": None,
+        "control_operation_sigma_m": 25.0,
+    }  # fmt: skip
+    facts = {fact.name: fact.value for fact in list_passport_facts(shifted, poses, placement_sigma_max_m=0.5)}
+    assert facts["datum of the control"] == (
+        "ED50 to ETRS89 (1), accuracy unknown; in the standard deviations: 25.00 m"
+    )
