@@ -2,10 +2,13 @@
 
     .venv/bin/python -m benchmarks.crack_width 20
     .venv/bin/python -m benchmarks.crack_width 20 --masks ../shared/data/defects/masonry_crack_240/dataset
+    .venv/bin/python -m benchmarks.crack_width 0 --lake build/lake
 
 Each photograph shows one crack, whose width varies by a third; its darkness, the blur of the lens, the noise and the
 JPEG quality are random. With ``--masks``: real photographs with cracks masked by hand; the width measured in the
-bounding box of the mask is compared with the width of the mask. Prints Markdown and saves a plot below ``build/``.
+bounding box of the mask is compared with the width of the mask. With ``--lake``: the widths of the inspected demo,
+those of one crack in several photographs against one another, and those of defects against the widths that were drawn.
+Prints Markdown and saves a plot below ``build/``.
 """
 
 from __future__ import annotations
@@ -19,11 +22,19 @@ from typing import Any
 import cv2
 import matplotlib
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from skimage.morphology import medial_axis
 
 from benchmarks.drawn_cracks import ImageDegradation, draw_crack
+from facadelake.deduplication.crack_width import estimate_crack_widths, estimate_unknown_blur
+from facadelake.demo.recipe import DemoDefect, load_recipe
+from facadelake.demo.textures.defects import sample_crack_lines, seed_defect
+from facadelake.evaluation.campaigns import compare_campaign
+from facadelake.lake import read_table
 from facadelake.measurement.campaign import estimate_photograph_blur, measure_in_photograph
 from facadelake.measurement.crack import CrackMeasurement
+from facadelake.registry import read_portfolio
 from schemas.vocabulary import CrackWidthOutcome
 
 matplotlib.use("Agg")
@@ -31,6 +42,7 @@ import matplotlib.pyplot as plt
 
 WIDTHS_PX = (0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)
 BUILD = Path(__file__).resolve().parent.parent / "build"
+RECIPE = BUILD.parent / "data" / "demo" / "recipe.yaml"
 BOX_COLUMNS = ("box_x_px", "box_y_px", "box_width_px", "box_height_px")
 
 
@@ -178,13 +190,80 @@ def list_mask_pairs(folder: Path) -> list[tuple[Path, Path]]:
     return [(path, masks[path.name]) for path in pictures if path.name in masks]
 
 
+def compare_in_lake(lake: Path, portfolio: Path) -> str:
+    """Markdown table of the demo's crack widths by campaign: repeated measurements, and defects against truth."""
+    building = read_portfolio(portfolio).get_building("demo")
+    drawn_mm = {
+        defect.id: 1000 * compute_drawn_width_m(defect)
+        for defect in load_recipe(RECIPE).defects
+        if defect.kind == "crack"
+    }
+    lines = [
+        "| campaign | unknown blur px | pairs of measurements | inside 2 sigma, stated / with the blur | rms in "
+        "sigmas, stated / with the blur | defects | inside 2 sigma of truth, stated / with the blur | measured over "
+        "drawn |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for campaign in list_campaigns(lake, building.id):
+        table = read_table(lake, "observations", building_id=building.id, campaign_id=campaign)
+        rows = table.filter(pc.and_(pc.is_valid(table["defect_id"]), pc.equal(table["defect_class"], "crack")))
+        names, group = np.unique(rows["defect_id"].to_pylist(), return_inverse=True)
+        width, sigma, gsd = (
+            np.array(rows[name].to_pylist(), dtype=np.float64)
+            for name in ("crack_width_mm", "crack_width_sigma_mm", "gsd_mm")
+        )
+        used = np.flatnonzero(np.isfinite(sigma))
+        blur_px = estimate_unknown_blur(group[used], width[used], sigma[used], gsd[used])
+        sigmas = sigma, np.hypot(sigma, blur_px * gsd)
+        pairs = [(i, j) for i in used for j in used if i < j and group[i] == group[j]]
+        first, second = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+        repeat = [(width[first] - width[second]) / np.hypot(one[first], one[second]) for one in sigmas]
+        found = estimate_crack_widths(rows, group, np.ones(len(rows)), len(names))
+        # Without the sizes of pixels there is no unknown blur: the errors as measured.
+        one_size = pa.array(np.ones(len(rows)), pa.float64())
+        plain = rows.set_column(rows.schema.get_field_index("gsd_mm"), rows.schema.field("gsd_mm"), one_size)
+        stated = estimate_crack_widths(plain, group, np.ones(len(rows)), len(names))
+        compared = compare_campaign(
+            building, campaign, lake=lake, truth=building.locate_photographs(campaign).parent / "truth", detections=None
+        )
+        defects = read_table(lake, "defects", building_id=building.id, campaign_id=campaign)["defect_id"].to_pylist()
+        point = dict(zip(defects, compared.check_point_by_defect, strict=True))
+        known = [k for k, name in enumerate(names) if point.get(name) in drawn_mm and np.isfinite(found.sigma_mm[k])]
+        true = np.array([drawn_mm[point[names[k]]] for k in known])
+        error = found.width_mm[known] - true
+        cells = [campaign, f"{blur_px:.1f}", len(pairs)]
+        cells += [" / ".join(f"{np.mean(np.abs(z) <= 2):.2f}" for z in repeat)]
+        cells += [" / ".join(f"{np.sqrt(np.mean(z**2)):.1f}" for z in repeat), len(known)]
+        cells += [" / ".join(f"{np.mean(np.abs(error) <= 2 * one.sigma_mm[known]):.2f}" for one in (stated, found))]
+        cells.append(f"{np.median(found.width_mm[known] / true):.1f}")
+        lines.append("| " + " | ".join(map(str, cells)) + " |")
+    return "\n".join(lines)
+
+
+def compute_drawn_width_m(defect: DemoDefect) -> float:
+    """Mean width of a crack's trunk as drawn, without its soft rim, metres."""
+    trunk, widths_m = sample_crack_lines(seed_defect(defect), defect.width_m, defect.height_m)[0]
+    return float(np.average(widths_m, weights=np.linalg.norm(np.diff(trunk, axis=0), axis=1)))
+
+
+def list_campaigns(lake: Path, building_id: str) -> list[str]:
+    """Campaigns of a building in a lake."""
+    return sorted(set(read_table(lake, "campaigns", building_id=building_id)["campaign_id"].to_pylist()))
+
+
 def main() -> None:
     """Run the command line: print the tables and save the plot."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("cracks", type=int, nargs="?", default=10, help="cracks of each width and wall")
     parser.add_argument("--masks", type=Path, help="folder of photographs and masks")
     parser.add_argument("--most", type=int, help="largest number of photographs with masks")
+    parser.add_argument("--lake", type=Path, help="lake with the inspected demo")
+    parser.add_argument("--portfolio", type=Path, default=Path("data/portfolio.yaml"), help="portfolio of the demo")
     options = parser.parse_args()
+    if options.lake:
+        print(compare_in_lake(options.lake, options.portfolio), end="\n\n")
+    if options.cracks == 0:
+        return
     trials = [trial for wall in ("render", "brick") for trial in measure_drawn_cracks(options.cracks, wall)]
     print(format_table(trials))
     median_ms = np.median([trial.seconds for trial in trials]) * 1000

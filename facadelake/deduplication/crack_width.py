@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,8 +13,11 @@ from facadelake.deduplication.group_statistics import compute_weighted_medians
 from facadelake.deduplication.observations import read_column
 from schemas.vocabulary import CrackWidthOutcome
 
+_log = logging.getLogger(__name__)
 # A measured width this far above the resolution limit of a better photograph is the blur of a coarse one.
 _BLUR_SIGMAS = 2.0
+_SIGNIFICANT_SIGMAS = 3.0
+_REDUNDANCY_MIN = 5  # repeated measurements of a campaign from which they tell an unknown blur
 _OUTCOMES = tuple(str(outcome) for outcome in CrackWidthOutcome)  # the best first
 
 
@@ -40,7 +44,9 @@ def estimate_crack_widths(
     Stated widths take precedence over measured ones. Measured widths are weighted by their variance; one above the
     resolution limit of a photograph that could not resolve the width is discarded as blur. Where none is left, the
     smallest limit is the upper bound. Observations share the errors of blur and scale, so their combination is never
-    more accurate than the best, and less accurate where they disagree.
+    more accurate than the best, and less accurate where they disagree. Where the widths of one crack grow with the size
+    of the pixels, blur that the photographs do not tell is measured as width: its estimate in pixels
+    (``estimate_unknown_blur``) is a part of the error of every width of the campaign.
 
     Args:
         registered_rows: registered rows (n) of table ``observations``.
@@ -65,6 +71,14 @@ def estimate_crack_widths(
     measured = measured & ~is_blur
     best_rank = np.full(groups, len(_OUTCOMES), dtype=np.int64)
     np.minimum.at(best_rank, group, rank)
+    gsd_mm = read_column(registered_rows, "gsd_mm")
+    blur_px = estimate_unknown_blur(group[measured], width[measured], sigma[measured], gsd_mm[measured])
+    if blur_px > 0:
+        _log.warning(
+            "crack widths grow with the size of the pixels by %.1f px: blur that the photographs do not tell is "
+            "measured as width (a soft rim, sharpening, a steep tone curve); it is added to the errors of all widths",
+            blur_px,
+        )
     combined_weight = np.where(measured, 1 / np.maximum(np.where(measured, sigma, 1.0), 1e-6) ** 2, weight)
     used = np.where(best_rank[group] == rank, stated | measured, False)
     used_width = np.where(used, width, np.nan)
@@ -73,13 +87,47 @@ def estimate_crack_widths(
         width_mm=width_mm,
         width_max_mm=compute_weighted_medians(group, np.where(used, largest, np.nan), combined_weight, groups),
         sigma_mm=_combine_sigmas(
-            group, np.where(used & measured, width - width_mm[group], np.nan), sigma, combined_weight, groups
+            group,
+            np.where(used & measured, width - width_mm[group], np.nan),
+            np.hypot(sigma, blur_px * gsd_mm),
+            combined_weight,
+            groups,
         ),
         limit_mm=np.where(
             best_rank == _OUTCOMES.index(CrackWidthOutcome.BELOW_LIMIT), bound, _compute_minima(group, limit, groups)
         ),
         outcome=pa.array([*_OUTCOMES, None], pa.string()).take(pa.array(best_rank)),
     )
+
+
+def estimate_unknown_blur(group: RowIndices, width_mm: Float64N, sigma_mm: Float64N, gsd_mm: Float64N) -> float:
+    """Growth of the measured width of one crack with the size of a pixel, in pixels; 0 where it is not significant.
+
+    The true width of a crack is one number, whatever the photograph. Least squares over the cracks of a campaign, each
+    with its own width; the errors are scaled to the residuals.
+
+    Args:
+        group: crack (n,) of each measured width.
+        width_mm: measured widths (n,).
+        sigma_mm: one sigma (n,) of each.
+        gsd_mm: size of a pixel on the surface (n,).
+    """
+    if len(group) == 0:
+        return 0.0
+    weight = 1 / np.maximum(sigma_mm, 1e-6) ** 2
+    count = int(group.max()) + 1
+    total = np.maximum(np.bincount(group, weight, minlength=count), 1e-300)
+    centred_width, centred_gsd = (
+        values - (np.bincount(group, weight * values, minlength=count) / total)[group] for values in (width_mm, gsd_mm)
+    )
+    information = float(np.sum(weight * centred_gsd**2))
+    redundancy = len(group) - len(np.unique(group)) - 1
+    if information <= 0 or redundancy < _REDUNDANCY_MIN:
+        return 0.0
+    slope = float(np.sum(weight * centred_gsd * centred_width)) / information
+    variance_factor = float(np.sum(weight * (centred_width - slope * centred_gsd) ** 2)) / redundancy
+    slope_sigma = np.sqrt(max(variance_factor, 1.0) / information)
+    return slope if slope > _SIGNIFICANT_SIGMAS * slope_sigma else 0.0
 
 
 def _combine_sigmas(group: RowIndices, residual: Float64N, sigma: Float64N, weight: Float64N, groups: int) -> Float64N:

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.core.arrays import Float32Array, Float64Array, UInt8Array
+from facadelake.core.arrays import Float32Array, Float64Array, Float64N, UInt8Array
 from facadelake.demo.recipe import DefectState, DemoControlPoint, DemoDefect
 from facadelake.demo.textures.canvas import TextureCanvas
 from facadelake.demo.textures.facades import BRICK, sample_blob
@@ -28,11 +28,16 @@ def compute_size(defect: DemoDefect, state: DefectState) -> tuple[float, float]:
     return defect.width_m * factor, defect.height_m * factor
 
 
+def seed_defect(defect: DemoDefect) -> np.random.Generator:
+    """The random numbers of a defect's shape."""
+    return np.random.default_rng(zlib.crc32(defect.id.encode()))
+
+
 def draw_defect(canvas: TextureCanvas, defect: DemoDefect, state: DefectState) -> None:
     """Draw a defect, or its repair; an absent one leaves the wall unchanged."""
     if state == "absent":
         return
-    rng = np.random.default_rng(zlib.crc32(defect.id.encode()))
+    rng = seed_defect(defect)
     width, height = compute_size(defect, state)
     if state == "repaired":
         _draw_repair(canvas, defect, rng, width + 0.12, height + 0.12)
@@ -76,11 +81,11 @@ def _stretch(points: Float64Array, width: float, height: float) -> Float64Array:
     return np.asarray((points - (low + high) / 2) / np.maximum(high - low, 1e-9) * [width, height])
 
 
-def _draw_crack(
-    canvas: TextureCanvas, defect: DemoDefect, rng: np.random.Generator, width: float, height: float
-) -> None:
-    """A wandering dark line with two branches, 5 to 11 mm wide and thinner towards its ends."""
-    layer = _DefectLayer(canvas, defect, width, height)
+def sample_crack_lines(rng: np.random.Generator, width: float, height: float) -> list[tuple[Float64Array, Float64N]]:
+    """The lines of a crack, the trunk first: points (n, 2) about its centre, and width of each piece (n - 1,); metres.
+
+    A wandering line of 7 to 11 mm and two branches of 5 mm, thinner towards their ends, within ``width`` by ``height``.
+    """
     n = 26
     along = np.linspace(-0.5, 0.5, n)
     upright = height >= width
@@ -98,11 +103,21 @@ def _draw_crack(
         lines.append(
             (trunk[start] + steps + rng.normal(scale=0.006, size=(8, 2)) * np.linspace(0, 1, 8)[:, None], 0.005)
         )
+    return [
+        (points, width_m * (1 - 0.45 * np.abs(np.arange(len(points) - 1) / (len(points) - 1) - 0.4)))
+        for points, width_m in lines
+    ]
+
+
+def _draw_crack(
+    canvas: TextureCanvas, defect: DemoDefect, rng: np.random.Generator, width: float, height: float
+) -> None:
+    """Dark lines with a soft dark rim."""
+    layer = _DefectLayer(canvas, defect, width, height)
     fine_mask = layer.make_mask()
-    for points, width_m in lines:
-        for i in range(len(points) - 1):
-            fade = 1 - 0.45 * abs(i / (len(points) - 1) - 0.4)
-            px = max(1, round(width_m * fade * canvas.per_u * SUPERSAMPLING))
+    for points, widths_m in sample_crack_lines(rng, width, height):
+        for i, width_m in enumerate(widths_m.tolist()):
+            px = max(1, round(width_m * canvas.per_u * SUPERSAMPLING))
             a, b = layer.mask_points_from_offset(points[i : i + 2, 0], points[i : i + 2, 1]).tolist()
             cv2.line(fine_mask, a, b, 255, px, cv2.LINE_AA, 8)
     mask = layer.average_mask(fine_mask)
