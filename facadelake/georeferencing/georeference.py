@@ -17,6 +17,7 @@ from facadelake.georeferencing.adjustment.adjust import adjust_block
 from facadelake.georeferencing.adjustment.control_observations import ControlObservations
 from facadelake.georeferencing.available_control import Control
 from facadelake.georeferencing.control_ranking import rank_controls
+from facadelake.georeferencing.gcp.control_points import describe_doubtful_marks
 from facadelake.georeferencing.georeferenced_campaign import GeoreferencedCampaign, build_georeferenced_campaign
 from facadelake.georeferencing.gps.alignment import check_against_gps
 from facadelake.georeferencing.gps.priors import GpsPriors, collect_gps_priors
@@ -53,7 +54,12 @@ def georeference_reconstruction(
     """
     priors = collect_gps_priors(reconstruction, photos, site_frame)
     control = control.match_marks(photos["photo_id"].to_pylist())
-    of_files = tuple(remark for file in (control.points, control.check_points) if file for remark in file.remarks)
+    of_files = tuple(
+        remark
+        for file in (control.points, control.check_points)
+        if file
+        for remark in (*file.remarks, *describe_doubtful_marks(file, photos))
+    )
     if control.kind is not None:
         return _georeference_by(control.kind, reconstruction, priors, site_frame, control, of_files)
     kinds, remarks = rank_controls(reconstruction, control)

@@ -15,6 +15,7 @@ from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyproj
 
 from facadelake.core.arrays import Float64Nx3
@@ -263,6 +264,36 @@ def match_marks(surveyed: SurveyedPoints, photo_ids: Iterable[str]) -> SurveyedP
         kept = tuple(mark for photo_id, mark in marks.items() if photo_id not in contradicted)
         points.append(replace(point, marks=kept))
     return replace(surveyed, points=tuple(points), remarks=tuple(remarks))
+
+
+def describe_doubtful_marks(surveyed: SurveyedPoints, photos: pa.Table) -> tuple[str, ...]:
+    """Remarks on marks (of photo_ids) outside their photograph, or in photographs that EXIF turns.
+
+    Viewers turn these, and the file does not tell of which view its pixels are. ``photos``: table ``photos``.
+    """
+    columns = ["photo_id", "image_width_px", "image_height_px", "exif_orientation"]
+    rows = {row["photo_id"]: row for row in photos.select(columns).to_pylist()}
+    marks = [(point.name, mark) for point in surveyed.points for mark in point.marks]
+    turned = sorted({mark.photo_name for _, mark in marks if (rows[mark.photo_name]["exif_orientation"] or 1) != 1})
+    outside = []
+    for name, mark in marks:
+        width, height = (rows[mark.photo_name][f"image_{side}_px"] for side in ("width", "height"))
+        if None not in (width, height) and not (0 <= mark.x_px <= width and 0 <= mark.y_px <= height):
+            outside.append(f"{name} in {mark.photo_name} at {mark.x_px:g}, {mark.y_px:g} px")
+    remarks = []
+    if outside:
+        remarks.append(f"marks outside their photographs: {_abbreviate(outside)}; check x and y, and for which size")
+    if turned:
+        remarks.append(
+            f"EXIF turns {_abbreviate(turned)}: marks there are taken in the pixels as stored; store photographs "
+            "upright"
+        )
+    return tuple(remarks)
+
+
+def _abbreviate(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _REASONS_MAX} more" if len(names) > _REASONS_MAX else ""
+    return ", ".join(names[:_REASONS_MAX]) + more
 
 
 def transform_to_site(surveyed: SurveyedPoints, site_frame: SiteFrame) -> Float64Nx3:

@@ -20,7 +20,7 @@ from facadelake.core.photo_names import PhotoNames
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.acceptance import require_accuracy
 from facadelake.georeferencing.datum_shift import DatumShift, build_operation_columns, describe_datum_shift
-from facadelake.georeferencing.gcp.control_points import SurveyedPoints, match_marks
+from facadelake.georeferencing.gcp.control_points import SurveyedPoints, describe_doubtful_marks, match_marks
 from facadelake.georeferencing.imported.plausibility import check_plausibility
 from facadelake.georeferencing.imported.records import ImportedPose, ImportedPoses
 from facadelake.georeferencing.imported.validation import ImportValidation, validate_imported_poses
@@ -124,7 +124,7 @@ def place_imported_poses(
             rows.append(columns | {"pose_source": PoseSource.UNLOCALISED, "reason": reason})
     poses = table_from_rows("poses", rows)
     matched = [match_marks(file, photo_ids) for file in surveyed]
-    remarks += [remark for file in matched for remark in file.remarks]
+    remarks += [remark for file in matched for remark in (*file.remarks, *describe_doubtful_marks(file, photos))]
     validation = validate_imported_poses(posed, accepted, matched, site_frame)
     sigma_m = _require_accuracy(poses, validation, shift, placement_sigma_max_m)
     cameras = list(posed.values())

@@ -8,10 +8,12 @@ import pytest
 
 from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing import SiteFrame
 from facadelake.georeferencing.gcp.control_points import (
     SurveyedPoints,
     add_vertical_datum,
+    describe_doubtful_marks,
     match_marks,
     read_surveyed_points,
     transform_to_site,
@@ -124,6 +126,21 @@ def test_marks_name_photographs(tmp_path: Path) -> None:
         "in one way, as the campaign has it; 'c.JPG' is not among the campaign's photographs",
         "G2 is marked in closerange/d.JPG at 100, 200 and at 300, 200 px (limit 3 px apart): none of these marks is "
         "used",
+    )
+
+
+def test_marks_outside_and_in_photographs_that_exif_turns_are_told(tmp_path: Path) -> None:
+    text = HEAD + "1 2 3 10 20 a.JPG G1\n1 2 3 3500 3900 b.JPG G1\n1 2 3 11 21 c.JPG G1\n"
+    common = {"sha256": "0", "bytes": 1, "photo_outcome": "accepted", "image_width_px": 4000, "image_height_px": 3000}
+    common |= {"prior_source": "none", "prior_height_datum": "unknown"}
+    rows = [
+        common | {"photo_id": f"{name}.JPG", "exif_orientation": k} for name, k in (("a", 1), ("b", None), ("c", 6))
+    ]
+    photos = table_from_rows("photos", rows)
+    found = match_marks(read(tmp_path, text), photos["photo_id"].to_pylist())
+    assert describe_doubtful_marks(found, photos) == (
+        "marks outside their photographs: G1 in b.JPG at 3500, 3900 px; check x and y, and for which size",
+        "EXIF turns c.JPG: marks there are taken in the pixels as stored; store photographs upright",
     )
 
 
