@@ -35,7 +35,6 @@ from pathlib import Path
 
 from facadelake.core.checkout import CHECKOUT
 from facadelake.core.errors import CodeVersionError
-from facadelake.core.proj.grids import list_installed_grids
 from facadelake.core.source_code.references import FACE, list_packages, read_references
 
 # Imported but without influence on results: scheduling, locks, memory meters, the terminal.
@@ -92,8 +91,11 @@ def _compute_version(module: str, root: Path) -> CodeVersion:
     digest = hashlib.sha256(platform.python_version().encode())
     for name, value in [*files.items(), *libraries.items()]:
         digest.update(f"\0{name}\0{value}".encode())
-    for grid, size_bytes in list_installed_grids() if "pyproj" in libraries else ():
-        digest.update(f"\0{grid}\0{size_bytes}".encode())
+    if "pyproj" in libraries:
+        from facadelake.core.proj.grids import list_installed_grids  # commands that compute nothing start without PROJ
+
+        for grid, size_bytes in list_installed_grids():
+            digest.update(f"\0{grid}\0{size_bytes}".encode())
     return CodeVersion(files=files, libraries=libraries, sha256=digest.hexdigest())
 
 

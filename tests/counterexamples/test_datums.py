@@ -1,19 +1,21 @@
 """Control in another datum, unit or height than the model's: what is converted, refused or told."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pytest
 
 from facadelake.core.errors import GeoreferenceError
-from facadelake.core.geodesy import transform
+from facadelake.core.geodesy import SiteOrigin, transform
 from facadelake.core.proj.crs import GEO, check_area_of_use
 from facadelake.georeferencing import Control, SiteFrame, georeference_reconstruction
 from facadelake.georeferencing.gcp.control_points import (
     SurveyedPoint,
     SurveyedPoints,
     compute_height_factor,
+    read_surveyed_points,
     transform_to_site,
 )
 from facadelake.georeferencing.georeferenced_campaign import GeoreferencedCampaign
@@ -26,6 +28,7 @@ SCENE = Scene(poses=build_ring())
 CONTROL = SCENE.build_control()
 FRAME = SiteFrame(origin=ORIGIN, map_crs="EPSG:25832", vertical_datum="ellipsoidal", georeference_level="50")
 US_FOOT_M = 1200 / 3937
+CASES = Path("../shared/data/cases/gcp")
 
 
 def georeference(points: SurveyedPoints, frame: SiteFrame = FRAME, limit_m: float = 60.0) -> GeoreferencedCampaign:
@@ -166,3 +169,13 @@ def test_positions_in_a_named_datum() -> None:
     np.testing.assert_allclose(named.xyz_site_m, by_default.xyz_site_m, rtol=0, atol=0.001)  # m
     assert (by_default.convention_m, named.convention_m) == (1.0, 0.0)
     assert FRAME.gnss_crs == GEO
+
+
+@pytest.mark.skipif(not CASES.exists(), reason="needs the shared cases")
+def test_three_points_in_feet_are_where_the_same_point_is_in_metres() -> None:
+    """G1 of cases/gcp, in US survey feet and in metres; read as metres, its height was 1,101 m too great."""
+    frame = replace(FRAME, origin=SiteOrigin(lon_deg=9.1056, lat_deg=48.7447, height_ellipsoidal_m=480.0))
+    feet = transform_to_site(read_surveyed_points(CASES / "feet_flat_G1_G3_G5.txt"), frame)
+    metres = transform_to_site(read_surveyed_points(CASES / "images_prefix.txt"), frame)
+    np.testing.assert_allclose(feet[0], metres[0], rtol=0, atol=0.001)  # m
+    assert np.abs(feet[:, 2]).max() < 30.0  # m
