@@ -40,6 +40,23 @@ app = typer.Typer(
 )
 
 
+def _print_version(asked: bool) -> None:
+    if asked:
+        from importlib.metadata import version
+
+        sys.stdout.write(f"facadelake {version('facadelake')}\n")
+        raise typer.Exit
+
+
+@app.callback()
+def take_options(
+    show_version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Options before the command; the help text is that of the app."""
+
+
 class ControlOption(StrEnum):
     """The control that georeferences a campaign."""
 

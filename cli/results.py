@@ -45,10 +45,9 @@ def defects(
     lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
     """List the defects of a building: class, severity, place, size, number of photographs."""
-    from cli.terminal.listings import require_known, show_defects
+    from cli.terminal.listings import show_defects
 
-    require_known(lake, portfolio, building)
-    show_defects(console, lake, building, campaign, defect_class, limit, as_of)
+    show_defects(console, lake, portfolio, building, campaign, defect_class, limit, as_of)
 
 
 def sql(
@@ -86,13 +85,14 @@ def export(
     lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
     """Write a building's defects (or another table) to a file for GIS or a spreadsheet."""
-    from cli.terminal.listings import require_known
+    from cli.terminal.listings import require_committed, require_known
     from facadelake.lake import read_table
     from facadelake.publish import export_table
 
     require_known(lake, portfolio, building)
     rows = read_table(lake, table, building_id=building, campaign_id=campaign, as_of=as_of)
     if not len(rows):
+        require_committed(lake, building, campaign)
         raise InputDataError(
             f"the lake {lake} has no rows of '{table}' for building '{building}'"
             + (f", campaign '{campaign}'" if campaign else "")

@@ -13,6 +13,8 @@ from rich.markup import escape
 from rich.table import Table as RichTable
 
 from facadelake.core.errors import InputDataError
+from facadelake.core.rows import list_rows
+from facadelake.core.suggestions import suggest_name
 
 _CELL_WIDTH = 24  # longer text may wrap in its cell
 
@@ -55,14 +57,15 @@ def print_answer(
     if question in {stored.name for stored in list_questions()}:
         answer = ask_stored(lake, question, given, as_of=as_of)
     elif " " not in question.strip():
-        names = ", ".join(stored.name for stored in list_questions())
+        names = [stored.name for stored in list_questions()]
         raise InputDataError(
-            f"there is no stored question '{question}'; there are {names}, or write a SELECT statement"
+            f"there is no stored question '{question}'{suggest_name(question, names)}; there are {', '.join(names)}, "
+            "or write a SELECT statement"
         )
     else:
         answer = query(lake, question, given, as_of=as_of)
     if as_json:
-        sys.stdout.write(json.dumps(answer.to_pylist(), default=str, indent=2) + "\n")
+        sys.stdout.write(json.dumps(list_rows(answer), default=str, indent=2) + "\n")
     else:
         _print_rows(console, answer)
 
@@ -79,7 +82,7 @@ def _format_cell(name: str, value: Any) -> str:
 
 def _print_rows(console: Console, answer: pa.Table) -> None:
     """Print a table, or one line per column of each row where the terminal is too narrow."""
-    rows = [{name: _format_cell(name, value) for name, value in row.items()} for row in answer.to_pylist()]
+    rows = [{name: _format_cell(name, value) for name, value in row.items()} for row in list_rows(answer)]
     count = f"{len(rows)} row{'s' if len(rows) != 1 else ''}"
     needed = sum(
         3 + min(_CELL_WIDTH, max(len(text) for text in (name, *(row[name] for row in rows))))

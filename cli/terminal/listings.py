@@ -11,7 +11,9 @@ from rich.markup import escape
 from rich.table import Table as RichTable
 
 from facadelake.core.errors import InputDataError
-from facadelake.lake import Regrading, has_lake, list_versions, read_table
+from facadelake.core.rows import list_rows
+from facadelake.core.suggestions import suggest_name
+from facadelake.lake import Regrading, answer_question, has_lake, read_table
 from facadelake.registry import Portfolio, read_portfolio
 from schemas.vocabulary import CrackWidthOutcome, DefectClass
 
@@ -22,13 +24,7 @@ def show_campaigns(console: Console, portfolio: Portfolio, lake: Path, only: str
     """Print one line for each campaign that is registered or in the lake."""
     if only is not None:
         portfolio.get_building(only)
-    held = read_table(lake, "campaigns", building_id=only).to_pylist() if has_lake(lake) else []
-    runs = {(r["building_id"], r["campaign_id"]): r for r in read_table(lake, "runs").to_pylist()} if held else {}
-    newest = (
-        {(v["building_id"], v["campaign_id"]): str(v["version"]) for v in list_versions(lake).to_pylist()}
-        if held
-        else {}
-    )
+    held = list_rows(answer_question(lake, "campaigns", {"building_id": only})) if has_lake(lake) else []
     table = RichTable(title=f"Campaigns (lake {lake})", title_justify="left")
     for column in (
         "building",
@@ -49,7 +45,7 @@ def show_campaigns(console: Console, portfolio: Portfolio, lake: Path, only: str
     for row in held:
         key = (row["building_id"], row["campaign_id"])
         counts = (row["photos_total"], row["photos_localised"], row["detections_total"], row["defects_total"])
-        lines[key] = (*map(str, counts), f"{runs[key]['finished_at']:%Y-%m-%d %H:%M}", newest.get(key, ""))
+        lines[key] = (*map(str, counts), f"{row['finished_at']:%Y-%m-%d %H:%M}", str(row["version"] or ""))
     for key in sorted(lines):
         table.add_row(*key, *lines[key])
     console.print(table)
@@ -64,6 +60,18 @@ def require_known(lake: Path, portfolio: Path, building: str) -> None:
         read_portfolio(portfolio).get_building(building)
 
 
+def require_committed(lake: Path, building: str, campaign: str | None) -> None:
+    """Raise InputDataError for a campaign that the lake does not have, with those of the building that it has."""
+    if campaign is None or not has_lake(lake):
+        return
+    known = read_table(lake, "campaigns", building_id=building).column("campaign_id").to_pylist()
+    if campaign not in known:
+        raise InputDataError(
+            f"the lake {lake} has no campaign '{campaign}' of building '{building}'{suggest_name(campaign, known)}; "
+            f"it has {', '.join(known) or 'none'}"
+        )
+
+
 def _format_crack_width(row: Mapping[str, Any]) -> str:
     """The mean width of a crack, or its upper bound; empty where neither is known."""
     width, limit = row["crack_width_mm"], row["crack_width_limit_mm"]
@@ -75,17 +83,22 @@ def _format_crack_width(row: Mapping[str, Any]) -> str:
 def show_defects(
     console: Console,
     lake: Path,
+    portfolio: Path,
     building: str,
     campaign: str | None,
     defect_class: str | None,
     limit: int,
     as_of: int | None,
 ) -> None:
-    """Print a table of defects, the largest first."""
+    """Print a table of defects, the largest first. Raises InputDataError where there are none."""
     if defect_class is not None and defect_class not in set(DefectClass):
         raise InputDataError(f"there is no class '{defect_class}'; allowed are {', '.join(DefectClass)}")
-    rows = read_table(lake, "defects", building_id=building, campaign_id=campaign, as_of=as_of).to_pylist()
+    if not has_lake(lake):
+        require_known(lake, portfolio, building)
+    rows = list_rows(read_table(lake, "defects", building_id=building, campaign_id=campaign, as_of=as_of))
     if not rows:
+        require_known(lake, portfolio, building)
+        require_committed(lake, building, campaign)
         raise InputDataError(
             f"the lake {lake} has no defects of building '{building}'"
             + (f", campaign '{campaign}'" if campaign else "")

@@ -12,6 +12,7 @@ from typing import Any
 
 import duckdb
 
+from facadelake.core.duckdb_engine import quote_sql_string
 from facadelake.core.errors import InputDataError
 
 # Table functions that compute rows from their arguments alone.
@@ -20,7 +21,7 @@ ALLOWED_FUNCTIONS = frozenset({"range", "generate_series", "unnest"})
 
 def require_plain_select(connection: duckdb.DuckDBPyConnection, sql: str, tables: frozenset[str]) -> None:
     """Raise InputDataError unless ``sql`` is one SELECT over ``tables`` (lower-case names), by DuckDB's parser."""
-    row = connection.execute("SELECT json_serialize_sql(?::VARCHAR)", [sql]).fetchone()
+    row = connection.execute(f"SELECT json_serialize_sql({quote_sql_string(sql)}::VARCHAR)").fetchone()
     parsed: dict[str, Any] = json.loads(row[0]) if row else {}
     if parsed.get("error", True):
         message = str(parsed.get("error_message", "it cannot be parsed"))

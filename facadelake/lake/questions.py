@@ -10,6 +10,7 @@ import pyarrow as pa
 from facadelake.core.checkout import locate_source
 from facadelake.core.errors import InputDataError
 from facadelake.core.sql_files import SqlStatement, read_statements
+from facadelake.core.suggestions import suggest_name
 from facadelake.lake.read import Value, query
 
 
@@ -33,7 +34,7 @@ def answer_question(
     """
     known = {question.name: question for question in list_questions()}
     if name not in known:
-        raise InputDataError(f"there is no question {name}; there are {', '.join(known)}")
+        raise InputDataError(f"there is no question {name}{suggest_name(name, known)}; there are {', '.join(known)}")
     question = known[name]
     given = dict(parameters or {})
     allowed = question.parameters

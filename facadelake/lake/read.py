@@ -10,7 +10,7 @@ import duckdb
 import pyarrow as pa
 
 from facadelake.core.checkout import locate_source
-from facadelake.core.duckdb_engine import find_extension_file, quote_sql_string, wrap_store_errors
+from facadelake.core.duckdb_engine import find_extension_file, quote_sql_string, quote_sql_value, wrap_store_errors
 from facadelake.core.errors import InputDataError, SchemaError, StoreError
 from facadelake.core.sql_files import read_statements
 from facadelake.core.sql_guard import require_plain_select
@@ -22,6 +22,8 @@ from schemas.tables import LAKE_TABLES, SCHEMA_VERSION
 
 VIEWS = locate_source("sql/views")
 EARLIER = locate_source("sql/earlier")
+SPATIAL = ("spatial",)
+NO_EXTENSION = ()
 Value = str | int | float | bool | None
 
 
@@ -81,7 +83,7 @@ def read_tables(
         raise SchemaError(f"there is no table {', '.join(unknown)}; the tables are {', '.join(LAKE_TABLES)}")
     wanted = {"building_id": building_id, "campaign_id": campaign_id}
     given = {key: value for key, value in wanted.items() if value is not None}
-    where = f"WHERE {' AND '.join(f'{key} = ?' for key in given)}" if given else ""
+    where = f"WHERE {' AND '.join(f'{key} = {quote_sql_value(given[key])}' for key in given)}" if given else ""
     found = {}
     with open_to_read(lake, as_of=as_of) as connection:
         present_current_schema(connection, lake)
@@ -98,8 +100,7 @@ def read_tables(
                     f"ST_AsWKB({c.name}) AS {c.name}" if c.kind is Kind.GEOMETRY else c.name for c in kind.columns
                 ]
                 rows = connection.execute(
-                    f"SELECT {', '.join(columns)} FROM {name} {where} ORDER BY {', '.join(kind.key)}",
-                    list(given.values()),
+                    f"SELECT {', '.join(columns)} FROM {name} {where} ORDER BY {', '.join(kind.key)}"
                 ).to_arrow_table()
                 found[name] = rows.cast(kind.arrow)
     return found
@@ -142,12 +143,22 @@ def query(lake: Path, sql: str, parameters: Mapping[str, Value] | None = None, *
     Raises InputDataError for anything but a
     SELECT over tables and views, or one that DuckDB cannot answer; StoreError where the lake cannot be read.
     """
-    with open_sealed(lake, as_of) as connection:
+    try:
+        return _query_with(NO_EXTENSION, lake, sql, parameters, as_of)
+    except InputDataError:
+        # Loading the spatial extension takes longer than most questions: only for those that need it, or fail.
+        return _query_with(SPATIAL, lake, sql, parameters, as_of)
+
+
+def _query_with(
+    extensions: Sequence[str], lake: Path, sql: str, parameters: Mapping[str, Value] | None, as_of: int | None
+) -> pa.Table:
+    with open_sealed(lake, as_of, extensions) as connection:
         views = {view.name for view in read_statements(VIEWS)}
         require_plain_select(connection, sql, frozenset(LAKE_TABLES) | views)
         try:
             with name_damaged_files(lake, as_of):
-                rows = connection.execute(sql, dict(parameters) if parameters else None).to_arrow_table()
+                rows = _execute(connection, sql, parameters or {}).to_arrow_table()
         except (duckdb.IOException, duckdb.InternalException, duckdb.FatalException) as error:
             raise StoreError(f"the lake {lake} could not be read: {error}; check that its files are whole") from error
         except duckdb.ConversionException as error:
@@ -165,13 +176,25 @@ def _describe_conversion(error: duckdb.Error, parameters: Mapping[str, Value] | 
     return f"the question cannot be answered{f' with {given}' if given else ''}: {reason}; give a value of that type"
 
 
+def _execute(
+    connection: duckdb.DuckDBPyConnection, sql: str, parameters: Mapping[str, Value]
+) -> duckdb.DuckDBPyConnection:
+    """The statement with the values bound to its parameters, see ``quote_sql_value``."""
+    if not parameters:
+        return connection.execute(sql)
+    connection.execute(f"PREPARE question AS {sql}")
+    values = ", ".join(f'"{name}" := {quote_sql_value(value)}' for name, value in parameters.items())
+    return connection.execute(f"EXECUTE question({values})")
+
+
 @contextmanager
-def open_sealed(lake: Path, as_of: int | None) -> Iterator[duckdb.DuckDBPyConnection]:
+def open_sealed(lake: Path, as_of: int | None, extensions: Sequence[str]) -> Iterator[duckdb.DuckDBPyConnection]:
     """A read-only connection with the views that can open no other files and cannot be reconfigured."""
     with open_to_read(lake, as_of=as_of) as connection:
         present_current_schema(connection, lake)
         with wrap_store_errors(f"preparing the lake {lake} for questions", "check that its files are whole"):
-            connection.execute(f"LOAD {quote_sql_string(find_extension_file('spatial'))}")
+            for extension in extensions:
+                connection.execute(f"LOAD {quote_sql_string(find_extension_file(extension))}")
             for view in read_statements(VIEWS):
                 connection.execute(f"CREATE TEMP VIEW {view.name} AS {view.sql}")
             data = quote_sql_string(f"{lake.resolve() / DATA}/")

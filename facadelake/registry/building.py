@@ -10,6 +10,7 @@ from typing import Annotated, Self
 from pydantic import Field, PrivateAttr, model_validator
 
 from facadelake.core.errors import InputDataError
+from facadelake.core.suggestions import suggest_name
 from facadelake.registry.settings import (
     BuildingCrs,
     CocoDetectorSetting,
@@ -99,14 +100,15 @@ class Building(StrictModel):
         folder = Path(self.photographs.replace(CAMPAIGN, campaign_id))
         if self.campaigns and campaign_id not in self.campaigns:
             raise InputDataError(
-                f"building '{self.id}' has no campaign '{campaign_id}'; "
+                f"building '{self.id}' has no campaign '{campaign_id}'{suggest_name(campaign_id, self.campaigns)}; "
                 f"it has {', '.join(self.campaigns)} (key 'campaigns')"
             )
         if not folder.is_dir():
             known = ", ".join(self.list_campaigns()) or "none found"
             raise InputDataError(
-                f"the photographs' folder {folder} of building '{self.id}', campaign '{campaign_id}', does not exist "
-                f"(campaigns with photographs: {known}); {self._format_remedy()}"
+                f"the photographs' folder {folder} of building '{self.id}', campaign '{campaign_id}', does not exist"
+                f"{suggest_name(campaign_id, self.list_campaigns())} (campaigns with photographs: {known}); "
+                f"{self._format_remedy()}"
             )
         return folder
 

@@ -14,6 +14,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from facadelake.core.errors import InputDataError
+from facadelake.core.suggestions import suggest_name
 from facadelake.registry.building import Building
 from facadelake.registry.settings import DEFAULT_MODEL
 from facadelake.registry.surface_kinds import AS_BUILT
@@ -47,7 +48,8 @@ class Portfolio(BaseModel):
             if building.id == building_id:
                 return building
         known = ", ".join(building.id for building in self.buildings) or "none"
-        raise InputDataError(f"there is no building '{building_id}' in the portfolio; it has {known}")
+        similar = suggest_name(building_id, (building.id for building in self.buildings))
+        raise InputDataError(f"there is no building '{building_id}' in the portfolio{similar}; it has {known}")
 
 
 def read_portfolio(path: Path) -> Portfolio:

@@ -18,6 +18,7 @@ from facadelake.core.duckdb_engine import SqlError, open_duckdb
 from facadelake.core.errors import InputDataError, SchemaError
 from facadelake.core.sql_files import read_statement_file
 from facadelake.core.sql_guard import require_plain_select
+from facadelake.core.suggestions import suggest_name
 from schemas.tables import TABLES
 
 RULE_FOLDER = locate_source("data/severity")
@@ -40,7 +41,10 @@ def find_rule_file(name: str, folder: Path = RULE_FOLDER) -> Path:
     path = folder / f"{name}.sql"
     if not _NAME.fullmatch(name) or not path.is_file():
         available = ", ".join(list_rule_packs(folder)) or "none"
-        raise InputDataError(f"there is no severity rule pack {name} in {folder}; available: {available}")
+        raise InputDataError(
+            f"there is no severity rule pack {name} in {folder}{suggest_name(name, list_rule_packs(folder))}; "
+            f"available: {available}"
+        )
     return path
 
 

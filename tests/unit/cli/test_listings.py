@@ -4,6 +4,7 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
 import pytest
 from rich.console import Console
 
@@ -26,11 +27,10 @@ def test_a_cracks_width_or_its_bound_is_told(
     commit(tmp_path, defects=1)
     table = listings.read_table(tmp_path, "defects", building_id=BUILDING)
     rows = [{**row, "defect_class": "crack", **known} for row in table.to_pylist()]
-    monkeypatch.setattr(
-        listings, "read_table", lambda *_, **__: type("Table", (), {"to_pylist": staticmethod(lambda: rows)})
-    )
+    changed = pa.Table.from_pylist(rows, schema=table.schema)
+    monkeypatch.setattr(listings, "read_table", lambda *_, **__: changed)
     console = Console(file=StringIO(), width=200)
-    show_defects(console, tmp_path, BUILDING, None, None, 10, None)
+    show_defects(console, tmp_path, tmp_path, BUILDING, None, None, 10, None)
     assert isinstance(console.file, StringIO)
     head, line = (line for line in console.file.getvalue().splitlines() if "crack" in line)
     column = [cell.strip() for cell in head.strip("\u2503").split("\u2503")].index("crack mm")
