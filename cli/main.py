@@ -50,7 +50,7 @@ def _print_version(asked: bool) -> None:
 
 @app.callback()
 def take_options(
-    show_version: Annotated[
+    _version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:

@@ -188,7 +188,9 @@ def _execute(
 
 
 @contextmanager
-def open_sealed(lake: Path, as_of: int | None, extensions: Sequence[str]) -> Iterator[duckdb.DuckDBPyConnection]:
+def open_sealed(
+    lake: Path, as_of: int | None, extensions: Sequence[str] = SPATIAL
+) -> Iterator[duckdb.DuckDBPyConnection]:
     """A read-only connection with the views that can open no other files and cannot be reconfigured."""
     with open_to_read(lake, as_of=as_of) as connection:
         present_current_schema(connection, lake)

@@ -106,9 +106,8 @@ class Building(StrictModel):
         if not folder.is_dir():
             known = ", ".join(self.list_campaigns()) or "none found"
             raise InputDataError(
-                f"the photographs' folder {folder} of building '{self.id}', campaign '{campaign_id}', does not exist"
-                f"{suggest_name(campaign_id, self.list_campaigns())} (campaigns with photographs: {known}); "
-                f"{self._format_remedy()}"
+                f"the photographs' folder {folder} of building '{self.id}', campaign '{campaign_id}', does not exist "
+                f"(campaigns with photographs: {known}); {self._format_remedy()}"
             )
         return folder
 

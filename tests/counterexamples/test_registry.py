@@ -139,7 +139,7 @@ def test_a_missing_folder_of_photographs_names_the_campaigns_there_are(tmp_path:
     )
     listed = GOOD.replace("photos/{campaign}/images", 'photos\n    campaigns: ["2026-04", "2026-10"]')
     assert refused(hall(tmp_path, listed), "2026-05") == (
-        "building 'hall' has no campaign '2026-05' (did you mean '2026-04'?); it has 2026-04, 2026-10 (key 'campaigns')"
+        "building 'hall' has no campaign '2026-05' (did you mean '2026-10'?); it has 2026-04, 2026-10 (key 'campaigns')"
     )
 
 
@@ -181,7 +181,8 @@ def test_an_unknown_severity_rule_pack(tmp_path: Path) -> None:
         find_rule_file(building.severity_rules)
     folder = Path(__file__).resolve().parents[2] / "data" / "severity"
     assert str(raised.value) == (
-        f"there is no severity rule pack extent_v9 in {folder} (did you mean 'extent_v1'?); available: bre251_v1, concrete_03_v1, extent_v1, "
+        f"there is no severity rule pack extent_v9 in {folder} (did you mean 'extent_v1'?); available: "
+        "bre251_v1, concrete_03_v1, extent_v1, "
         "nyc_fisp_v1, paper_crack_width_v1, width_and_extent_v1"
     )
 
