@@ -12,9 +12,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
 
-from facadelake.core.errors import InputDataError
-from facadelake.core.rows import list_rows
-from facadelake.core.suggestions import suggest_name
+from facadelake.core.errors import InputDataError, suggest_name
+from facadelake.core.tables import list_rows
 
 _CELL_WIDTH = 24  # longer text may wrap in its cell
 

@@ -10,9 +10,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
 
-from facadelake.core.errors import InputDataError
-from facadelake.core.rows import list_rows
-from facadelake.core.suggestions import suggest_name
+from facadelake.core.errors import InputDataError, suggest_name
+from facadelake.core.tables import list_rows
 from facadelake.lake import Regrading, answer_question, has_lake, read_table
 from facadelake.registry import Portfolio, read_portfolio
 from schemas.vocabulary import CrackWidthOutcome, DefectClass

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
 
 class FacadelakeError(Exception):
     """Base class of all errors of Facadelake. The message is written for the person who ran the command."""
@@ -29,3 +32,10 @@ class StoreError(FacadelakeError):
 
 class CodeVersionError(FacadelakeError):
     """The code of a result cannot be identified, or changed while it was computed; nothing was stored."""
+
+
+def suggest_name(given: str, known: Iterable[str]) -> str:
+    """`` (did you mean 'x'?)`` with the known name most like ``given``, whatever its case; empty where none is."""
+    names = {name.lower(): name for name in known}
+    found = get_close_matches(given.lower(), names, n=1)
+    return f" (did you mean '{names[found[0]]}'?)" if found else ""

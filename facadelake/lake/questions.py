@@ -8,9 +8,8 @@ from pathlib import Path
 import pyarrow as pa
 
 from facadelake.core.checkout import locate_source
-from facadelake.core.errors import InputDataError
+from facadelake.core.errors import InputDataError, suggest_name
 from facadelake.core.sql_files import SqlStatement, read_statements
-from facadelake.core.suggestions import suggest_name
 from facadelake.lake.read import Value, query
 
 

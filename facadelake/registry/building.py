@@ -9,8 +9,7 @@ from typing import Annotated, Self
 
 from pydantic import Field, PrivateAttr, model_validator
 
-from facadelake.core.errors import InputDataError
-from facadelake.core.suggestions import suggest_name
+from facadelake.core.errors import InputDataError, suggest_name
 from facadelake.registry.settings import (
     BuildingCrs,
     CocoDetectorSetting,

@@ -13,8 +13,7 @@ from urllib.parse import unquote, urlparse
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from facadelake.core.errors import InputDataError
-from facadelake.core.suggestions import suggest_name
+from facadelake.core.errors import InputDataError, suggest_name
 from facadelake.registry.building import Building
 from facadelake.registry.settings import DEFAULT_MODEL
 from facadelake.registry.surface_kinds import AS_BUILT

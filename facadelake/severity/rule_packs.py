@@ -15,10 +15,9 @@ import pyarrow as pa
 
 from facadelake.core.checkout import locate_source
 from facadelake.core.duckdb_engine import SqlError, open_duckdb
-from facadelake.core.errors import InputDataError, SchemaError
+from facadelake.core.errors import InputDataError, SchemaError, suggest_name
 from facadelake.core.sql_files import read_statement_file
 from facadelake.core.sql_guard import require_plain_select
-from facadelake.core.suggestions import suggest_name
 from schemas.tables import TABLES
 
 RULE_FOLDER = locate_source("data/severity")

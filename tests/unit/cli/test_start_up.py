@@ -13,8 +13,7 @@ import pytest
 import typer
 
 from cli.main import app
-from facadelake.core.errors import InputDataError
-from facadelake.core.suggestions import suggest_name
+from facadelake.core.errors import InputDataError, suggest_name
 from facadelake.lake import answer_question, query
 from tests.unit.lake.small_campaign import commit
 
