@@ -130,7 +130,8 @@ def draw_statements(draw: st.DrawFn) -> Statements:
         scale=ratio * draw(st.sampled_from([1.0, grid])) if crs != "EPSG:3857" else ratio * grid,
         vertical=draw(st.sampled_from(ELLIPSOIDAL_TEXTS)),
     )
-    for change in draw(st.lists(st.sampled_from(sorted(CHANGES)), max_size=3, unique=True)):
+    size = draw(st.sampled_from([0, 1, 1, 2, 2, 3]))
+    for change in draw(st.lists(st.sampled_from(sorted(CHANGES)), min_size=size, max_size=size, unique=True)):
         stated = CHANGES[change](draw, stated)
         stated = replace(stated, changes=(*stated.changes, change))
     return stated

@@ -174,3 +174,22 @@ def test_two_true_norths_and_a_site_elsewhere_are_told(write_ifc: WriteIfc) -> N
     remarks = load_ifc_building(edited(write_ifc(PLACED), change), settings=IfcModelSettings()).remarks
     assert "the IFC's contexts state different TrueNorth (" in remarks
     assert "of IfcSite lie 5," in remarks and " km away and were not used" in remarks
+
+
+def test_a_damaged_header_and_a_damaged_entity(write_ifc: WriteIfc) -> None:
+    """The text is whole, but a placement has two coordinates; a reference in the header ended the process."""
+    path = write_ifc(PLACED)
+    text = path.read_text()
+    path.write_text(text.replace("FILE_SCHEMA(('IFC4'))", "FILE_SCHEMA((#1))"))
+    with pytest.raises(FacadelakeError) as caught:
+        load_ifc_building(path, settings=IfcModelSettings())
+    assert str(caught.value) == f"the header of building model {path} refers to an entity; export it again"
+    path.write_text(text)
+
+    def flatten(model: ifcopenshell.file) -> None:
+        model.by_type("IfcBuildingStorey")[1].ObjectPlacement.RelativePlacement.Location.Coordinates = (0.0, 0.0)
+
+    with pytest.raises(FacadelakeError) as caught:
+        load_ifc_building(edited(path, flatten), settings=IfcModelSettings())
+    assert str(caught.value).startswith(f"building model {path} has an entity with missing or wrong attributes (")
+    assert str(caught.value).endswith("check it with an IFC validator, and export it again")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,7 +23,8 @@ def find_storey_bases(building: BuildingModel) -> list[StoreyBase]:
     """Base levels of the storeys that have elements, from the lowest up.
 
     The level is the 10th percentile of the lowest points of the storey's walls (of all its elements where it has no
-    wall), which is robust against lintels and single deep walls. Of storeys at one level the first by name is kept.
+    wall), which is robust against lintels and single deep walls. Storeys at one level, as those of two buildings, are
+    one base with both names.
     """
     lowest = np.full(len(building.elements), np.inf)
     bottoms = building.vertices_site_m[building.triangles][:, :, 2].min(axis=1)
@@ -43,4 +44,6 @@ def find_storey_bases(building: BuildingModel) -> list[StoreyBase]:
     for base in bases:
         if not kept or base.z_site_m - kept[-1].z_site_m > _SAME_LEVEL_M:
             kept.append(base)
+        else:
+            kept[-1] = replace(kept[-1], name=f"{kept[-1].name} / {base.name}")
     return kept

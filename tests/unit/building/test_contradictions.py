@@ -133,6 +133,10 @@ def test_web_mercator_without_its_scale_is_refused(write_ifc):
     conversion = {"Eastings": 935950.0, "Northings": 6264700.0, "OrthogonalHeight": 178.0}
     message = refused(write_ifc(Ifc(conversion=conversion, crs=CRS | {"Name": "EPSG:3857"})))
     assert "would be 0.657" in message
+    scaled = Ifc(conversion=conversion | {"Scale": 1.5224}, crs=CRS | {"Name": "EPSG:3857"})
+    corners = ecef(model_zero(load_ifc_building(write_ifc(scaled), settings=BY_IFC)))
+    diagonal = np.linalg.norm(corners[:, None] - corners[None], axis=2).max()
+    assert abs(diagonal - np.linalg.norm((4.0, 0.3, 3.0))) < 0.02  # m: its size on the ground
 
 
 @pytest.mark.parametrize(

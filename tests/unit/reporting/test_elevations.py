@@ -367,3 +367,9 @@ def test_storeys_begin_at_their_walls_feet(painted: PaintedWall) -> None:
     levels = find_storey_bases(building)
     assert [level.name for level in levels] == ["Ground", "First"]
     np.testing.assert_allclose([level.z_site_m for level in levels], [0.0, 3.0], rtol=0, atol=1e-9)  # m
+    # Two buildings' storeys at one level, told apart in the tables, are both named.
+    rows[0]["storey"], rows[1]["storey"] = "Ground, A", "Ground, B"
+    names_at_one_level = [
+        level.name for level in find_storey_bases(replace(building, elements=table_from_rows("elements", rows)))
+    ]
+    assert names_at_one_level[0] == "Ground, A / Ground, B"
