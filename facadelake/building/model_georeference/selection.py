@@ -15,6 +15,7 @@ import pyproj
 from facadelake.building.model_georeference.candidates import GeoreferenceCandidates
 from facadelake.building.model_georeference.map_placement import (
     MIN_MAP_COORDINATE_M,
+    REGISTRY_LEVEL,
     GridFactors,
     MapPlacement,
     ModelGeoreference,
@@ -109,6 +110,10 @@ def _select_in_area_of_use(candidates: Sequence[ModelGeoreference], centre_ifc_m
     if not inside:
         raise GeoreferenceError(_describe_outside(candidates[0], centre_ifc_m))
     first, map_m = inside[0], inside[0].placement.map_from_ifc(centre_ifc_m[None])[0]
+    # Near the area is enough, as all of Bavaria is to EPSG:25832, unless a mistake explains it.
+    is_near = not first.is_in_area_of_use(centre_ifc_m, margin_deg=0.0)
+    if is_near and first.level != REGISTRY_LEVEL and _name_mistake(first, centre_ifc_m):
+        raise GeoreferenceError(_describe_outside(first, centre_ifc_m))
     if first.contradicts:
         raise GeoreferenceError(
             f"read in {first.contradicts}, the model lies outside the area of use of {first.map_crs} "
@@ -127,12 +132,9 @@ def _select_in_area_of_use(candidates: Sequence[ModelGeoreference], centre_ifc_m
     return first
 
 
-def _describe_outside(candidate: ModelGeoreference, centre_ifc_m: Float64x3) -> str:
-    """Error message of a model outside the area of use, with the mistake that would explain it."""
-    horizontal = candidate.map_crs
-    centre_map = candidate.placement.map_from_ifc(centre_ifc_m[None])[0]
+def _name_mistake(candidate: ModelGeoreference, centre_ifc_m: Float64x3) -> str:
+    """The mistake without which the model would lie in the area of use, of those that are usual; empty if none."""
     shift = candidate.placement if not _is_at_zero(candidate.placement) else None
-    suspects = []
     for mistake, change in _MISTAKES.items():
         if shift is not None:
             east, north, _ = change(np.array([shift.east_m, shift.north_m, shift.height_m]))
@@ -140,8 +142,17 @@ def _describe_outside(candidate: ModelGeoreference, centre_ifc_m: Float64x3) -> 
             fits = changed.is_in_area_of_use(centre_ifc_m, margin_deg=0.0)
         else:
             fits = candidate.is_in_area_of_use(change(centre_ifc_m), margin_deg=0.0)
-        suspects += [mistake] if fits else []
-    found = f"; {suspects[0]} it would lie in it" if suspects else ""
+        if fits:
+            return mistake
+    return ""
+
+
+def _describe_outside(candidate: ModelGeoreference, centre_ifc_m: Float64x3) -> str:
+    """Error message of a model outside the area of use, with the mistake that would explain it."""
+    horizontal = candidate.map_crs
+    centre_map = candidate.placement.map_from_ifc(centre_ifc_m[None])[0]
+    mistake = _name_mistake(candidate, centre_ifc_m)
+    found = f"; {mistake} it would lie in it" if mistake else ""
     return (
         f"the centre of the model is at east, north, height {centre_map.round(1).tolist()} m, outside the area of use "
         f"of {horizontal} ({name_area_of_use(horizontal)}){found}; check the CRS and the units, and that the shift to "
