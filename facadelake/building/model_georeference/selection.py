@@ -110,10 +110,6 @@ def _select_in_area_of_use(candidates: Sequence[ModelGeoreference], centre_ifc_m
     if not inside:
         raise GeoreferenceError(_describe_outside(candidates[0], centre_ifc_m))
     first, map_m = inside[0], inside[0].placement.map_from_ifc(centre_ifc_m[None])[0]
-    # Near the area is enough, as all of Bavaria is to EPSG:25832, unless a mistake explains it.
-    is_near = not first.is_in_area_of_use(centre_ifc_m, margin_deg=0.0)
-    if is_near and first.level != REGISTRY_LEVEL and _name_mistake(first, centre_ifc_m):
-        raise GeoreferenceError(_describe_outside(first, centre_ifc_m))
     if first.contradicts:
         raise GeoreferenceError(
             f"read in {first.contradicts}, the model lies outside the area of use of {first.map_crs} "
@@ -129,6 +125,10 @@ def _select_in_area_of_use(candidates: Sequence[ModelGeoreference], centre_ifc_m
                 f"of use of {first.map_crs}; correct MapUnit in the IFC, or set crs.map_unit in the portfolio "
                 f"({_UNIT_NAMES})"
             )
+    # Near the area is enough, as all of Bavaria is to EPSG:25832, unless a mistake explains it.
+    is_near = not first.is_in_area_of_use(centre_ifc_m, margin_deg=0.0)
+    if is_near and first.level != REGISTRY_LEVEL and _name_mistake(first, centre_ifc_m):
+        raise GeoreferenceError(_describe_outside(first, centre_ifc_m))
     return first
 
 
