@@ -22,6 +22,10 @@ from schemas.vocabulary import ControlKind, PlacementCheckOutcome, PlacementStat
 # A deviation beyond this many sigmas is a disagreement: 1 in 2000 of normal errors, 1 in 450 in two dimensions.
 LIMIT_SIGMAS = 3.5
 _MIN_PRIORS = 3
+_SOURCE_OF_STATEMENT = {
+    PlacementStatement.TIE_POINTS: ControlKind.MODEL,
+    PlacementStatement.SURVEYED_POINTS: ControlKind.GCP,
+}
 _MODEL_STATEMENTS = (
     PlacementStatement.CAMERA_HEIGHT,
     PlacementStatement.MODEL_IN_VIEW,
@@ -159,8 +163,8 @@ def require_agreement(
     """Refuse a placement that independent evidence contradicts.
 
     The model's statements always count, since defects are registered on it. GPS counts beyond the accuracy that a
-    campaign must have; where the block's tie points lie on the model, which is then a third statement, two agree
-    against GPS and it is reported only.
+    campaign must have; where tie points lie on the model, or surveyed points agree, and neither was the control, two
+    statements agree against GPS and it is reported only.
 
     Args:
         checks: the comparisons.
@@ -177,10 +181,12 @@ def require_agreement(
             and probable causes.
     """
     disagreements = [check for check in checks if check.disagrees]
-    model_agrees = control is not ControlKind.MODEL and any(
-        check.statement is PlacementStatement.TIE_POINTS and check.outcome is PlacementCheckOutcome.AGREES
-        for check in checks
-    )
+    independent = {
+        statement
+        for statement, source in _SOURCE_OF_STATEMENT.items()
+        if source is not control  # a control's own points agree with it by construction
+    }
+    outvoted = any(check.statement in independent and check.outcome is PlacementCheckOutcome.AGREES for check in checks)
     refused = [
         check
         for check in disagreements
@@ -188,7 +194,7 @@ def require_agreement(
         or (
             check.statement in (PlacementStatement.GPS_POSITION, PlacementStatement.GPS_HEIGHT)
             and check.deviation > placement_sigma_max_m
-            and not model_agrees
+            and not outvoted
         )
     ]
     if not refused:

@@ -143,7 +143,7 @@ def mark_points(points_m: dict[str, np.ndarray]) -> SurveyedPoints:
 
 
 def test_surveyed_points_and_gps_judge_the_poses(tmp_path: Path) -> None:
-    """Poses 5 cm too high see every point 5 cm too high; GPS 30 m above them asks for the datum."""
+    """Poses 5 cm too high see every point 5 cm too high; GPS 30 m above them is outvoted by the surveyed points."""
     points = {"P1": np.array([-4.0, 0.0, 1.0]), "P2": np.array([4.0, 0.0, 6.0]), "P3": np.array([0.0, 0.0, 3.0])}
     path = write_geo_csv(tmp_path)
     high = path.read_text()
@@ -151,7 +151,10 @@ def test_surveyed_points_and_gps_judge_the_poses(tmp_path: Path) -> None:
         high = high.replace(format_geo(xyz), format_geo(xyz + np.array([0, 0, 0.05])))
     path.write_text(high)
     lon, lat, height = ORIGIN.geo_from_site(CENTRES[1][None])[0]
-    said = {"prior_source": "exif", "prior_lon_deg": lon, "prior_lat_deg": lat, "prior_height_m": height + 30.0}
+    said = {
+        "prior_source": "exif", "prior_lon_deg": lon, "prior_lat_deg": lat, "prior_height_m": height + 30.0,
+        "prior_sigma_horizontal_m": 3.0, "prior_sigma_vertical_m": 5.0, "prior_height_datum": "ellipsoidal",
+    }  # fmt: skip
     found = place_imported_poses(
         read_poses(path), build_photos(**said), site_frame=PLACE, surface=build_wall(), placement_sigma_max_m=0.5,
         surveyed=[mark_points(points)],
@@ -164,7 +167,12 @@ def test_surveyed_points_and_gps_judge_the_poses(tmp_path: Path) -> None:
     assert not any(point["point_used"] for point in found.georeference_points.to_pylist())
     # The cameras stand 3, 4, 3.5 and 5 m high and one GPS place is given for all: the median is 0.25 m beside it.
     assert row["gps_offset_up_m"] == pytest.approx(30.0 + 4.0 - 3.75 - 0.05, rel=0, abs=5e-4)
-    assert "GPS deviates by +30 m (up) from the poses" in row["remarks"]
+    assert (
+        "disagreement: GPS of 4 photographs (flight 1) deviates from the placed cameras by +30.20 m" in row["remarks"]
+    )
+    outcomes = {check["statement"]: check["placement_check_outcome"] for check in found.placement_checks.to_pylist()}
+    assert outcomes["gps_height"] == "disagrees"
+    assert outcomes["surveyed_points"] == "agrees"
     off = {name: point + np.array([0.0, 0.0, 2.0]) for name, point in points.items()}
     shifted = mark_points(points)
     wrong = SurveyedPoints(source="g", crs=shifted.crs, points=tuple(

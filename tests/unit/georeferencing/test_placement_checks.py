@@ -152,6 +152,10 @@ def test_the_model_always_counts_and_gps_where_the_model_does_not_decide() -> No
         require(gps, on_model, control=ControlKind.MODEL)
     with pytest.raises(GeoreferenceError, match=r"tie_points disagrees.*agrees with: gps_position"):
         require(state(PlacementStatement.TIE_POINTS, DISAGREES, 48.0), state(PlacementStatement.GPS_POSITION, AGREES))
+    surveyed = state(PlacementStatement.SURVEYED_POINTS, AGREES)
+    with pytest.raises(GeoreferenceError, match="gps_height"):  # held out of one file: they share its datum
+        require(gps, surveyed)
+    assert require(gps, surveyed, control=ControlKind.IMPORTED)
     small = state(PlacementStatement.GPS_HEIGHT, DISAGREES, 0.3)  # within the accuracy that a campaign must have
     assert require(small) == ("disagreement: gps_height disagrees",)
 
