@@ -34,17 +34,15 @@ def compute_block_covariance(observations: ObservationArrays, rays: GroupRays, s
     """Covariance (g, 3, 3) in m2 of the error that all observations of a group share: the block's, from its poses.
 
     The poses of a block are assumed to be fully correlated through its datum, so their covariance does not average out.
-    They overestimate it where intrinsics compensate attitudes, so it is combined with ``settings.block_sigma_m`` where
-    check points measured that and it is smaller. However many the check points are, they share the error that is
-    estimated: it is one sample of three coordinates, and it may be small by chance. The two variances have equal
-    weights, three degrees of freedom each, so that check points reduce the stated variance to no less than half.
+    They overestimate it where intrinsics compensate attitudes, so it is scaled down to ``settings.block_sigma_m`` where
+    check points measured that.
     """
     mean = rays.sum_groups(observations.pose_covariance_m2[rays.rows]) / rays.count[:, None, None]
     mean_variance = np.einsum("gii->g", mean) / 3
-    ratio = np.divide(
+    scale = np.divide(
         settings.block_sigma_m**2, mean_variance, out=np.full(len(mean_variance), np.inf), where=mean_variance > 0
     )
-    shared: Float64Array = mean * ((1.0 + np.minimum(ratio, 1.0)) / 2)[:, None, None]
+    shared: Float64Array = mean * np.minimum(scale, 1.0)[:, None, None]
     return shared
 
 
