@@ -241,7 +241,8 @@ def _check_placement(
         the checks; those by the model where there is one.
     """
     residual_m = priors.xyz_site_m - np.array([camera.centre_site_m for camera in adjusted.cameras])[priors.photo]
-    gps = check_gps(residual_m, priors.total_sigma_m, priors.flight, sigma_m)
+    gps_sigma_m = np.hypot(priors.sigma_m, priors.datum_sigma_m)
+    gps = check_gps(residual_m, gps_sigma_m, priors.flight, sigma_m, priors.convention_m)
     checks = [*gps, check_surveyed_points(held_out_m, sigma_m, CONTROL_SIGMA_M)]
     model = control.model
     if model is not None:

@@ -80,7 +80,11 @@ def build_checks_table(checks: Sequence[PlacementCheck]) -> pa.Table:
 
 
 def check_gps(
-    residual_site_m: Float64Nx3, sigma_m: Float64Nx3, flight: Int64Array, placement_sigma_m: Float64x3
+    residual_site_m: Float64Nx3,
+    sigma_m: Float64Nx3,
+    flight: Int64Array,
+    placement_sigma_m: Float64x3,
+    convention_m: float = 0.0,
 ) -> tuple[PlacementCheck, ...]:
     """Compare GPS with the placed cameras: the common offset of each flight against what its receiver can err.
 
@@ -89,6 +93,7 @@ def check_gps(
         sigma_m: one sigma (n, 3) of each position, with the common error of its receiver and height datum.
         flight: flight (n,) of each position.
         placement_sigma_m: one sigma (3,) of the campaign's position.
+        convention_m: largest shift between two datums that are taken as one (WGS 84 as ETRS89); it widens the limit.
 
     Returns:
         the check of the horizontal position and that of the height, each of the flight that deviates most.
@@ -107,11 +112,13 @@ def check_gps(
             for statement in (PlacementStatement.GPS_POSITION, PlacementStatement.GPS_HEIGHT)
         )
     checks = []
+    datums = f", of which {convention_m:g} m for datums that are taken as one" if convention_m else ""
     for statement, axes in ((PlacementStatement.GPS_POSITION, [0, 1]), (PlacementStatement.GPS_HEIGHT, [2])):
         number, count, offset, sigma = max(
             offsets, key=lambda flown: float(np.linalg.norm(flown[2][axes]) / flown[3][axes].max())
         )
-        deviation, limit = float(np.linalg.norm(offset[axes])), LIMIT_SIGMAS * float(sigma[axes].max())
+        deviation = float(np.linalg.norm(offset[axes]))
+        limit = LIMIT_SIGMAS * float(sigma[axes].max()) + convention_m
         stated = (
             f"east {offset[0]:+.2f} m, north {offset[1]:+.2f} m" if axes == [0, 1] else f"{offset[2]:+.2f} m in height"
         )
@@ -123,7 +130,7 @@ def check_gps(
                 sigma=float(sigma[axes].max()),
                 limit=limit,
                 detail=f"GPS of {count} photographs (flight {number + 1}) deviates from the placed cameras by {stated} "
-                f"(median, sigma {sigma[axes].max():.2f} m, limit {limit:.2f} m)",
+                f"(median, sigma {sigma[axes].max():.2f} m, limit {limit:.2f} m{datums})",
                 shift_site_m=np.where(np.isin(np.arange(3), axes), offset, 0.0),
             )
         )

@@ -19,7 +19,12 @@ from facadelake.core.geodesy import SITE_AXES
 from facadelake.core.photo_names import PhotoNames
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.acceptance import require_accuracy
-from facadelake.georeferencing.datum_shift import DatumShift, build_operation_columns, describe_datum_shift
+from facadelake.georeferencing.datum_shift import (
+    DatumShift,
+    build_operation_columns,
+    describe_datum_shift,
+    find_datum_shift,
+)
 from facadelake.georeferencing.gcp.control_points import SurveyedPoints, describe_doubtful_marks, match_marks
 from facadelake.georeferencing.imported.plausibility import check_plausibility
 from facadelake.georeferencing.imported.records import ImportedPose, ImportedPoses
@@ -127,10 +132,17 @@ def place_imported_poses(
     remarks += [remark for file in matched for remark in (*file.remarks, *describe_doubtful_marks(file, photos))]
     validation = validate_imported_poses(posed, accepted, matched, site_frame)
     sigma_m = _require_accuracy(poses, validation, shift, placement_sigma_max_m)
+    gps_shift = find_datum_shift(site_frame.gnss_crs, site_frame)
     cameras = list(posed.values())
     lowest_m, highest_m = surface.vertices_site_m[:, 2].min(), surface.vertices_site_m[:, 2].max()
     checks = (
-        *check_gps(validation.gps_residual_m, validation.gps_sigma_m, validation.gps_flight, sigma_m),
+        *check_gps(
+            validation.gps_residual_m,
+            np.hypot(validation.gps_sigma_m, gps_shift.sigma_m),
+            validation.gps_flight,
+            sigma_m,
+            gps_shift.convention_m,
+        ),
         check_surveyed_points(validation.held_out_m, sigma_m, CONTROL_SIGMA_M),
         *check_cameras(cameras, surface, float(lowest_m), float(highest_m)),
     )

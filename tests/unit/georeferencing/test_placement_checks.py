@@ -116,6 +116,12 @@ def test_gps_is_compared_in_proportion_to_its_sigma_and_by_flight() -> None:
     assert position.deviation == pytest.approx(0.3)
     assert position.limit == pytest.approx(3.5 * np.hypot(0.02, 0.01))
     assert "flight 2" in position.detail
+    position, _ = check_gps(residual, sigma, flight, SIGMA, convention_m=1.0)  # WGS 84 taken as ETRS89
+    assert position.outcome is AGREES
+    residual[flight == 1] = [1.2, 0.0, 0.0]
+    position, _ = check_gps(residual, sigma, flight, SIGMA, convention_m=1.0)
+    assert position.outcome is DISAGREES
+    assert "of which 1 m for datums that are taken as one" in position.detail
 
 
 def test_without_gps_nothing_is_compared() -> None:
