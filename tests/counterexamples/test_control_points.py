@@ -36,11 +36,25 @@ HEADER = (
         ("EPSG:25832\n\n1 2,5 3 4 5 a.jpg\n", "{path}, line 3: y is '2,5'; expected a finite number"),
         ("EPSG:25832\n1 2 NaN 4 5 a.jpg\n", "{path}, line 2: z is 'NaN'; expected a finite number"),
         (
+            "EPSG:25832\n1 2 3 4 5 a b GCP 1\n",
+            "{path}, line 2: 'a b GCP 1' may be split into a photograph and a point in more than one way; "
+            "quote names with blanks, or separate the columns by tabs",
+        ),
+        (
             "EPSG:25832\n1 2 3 4 5 a.jpg G1\n1 2 9 4 5 b.jpg G1\n",
             "{path}, line 3: G1 is at (1.0, 2.0, 9.0), but in line 2 at (1.0, 2.0, 3.0); use one name for one point",
         ),
     ],
-    ids=["empty", "no header", "unknown CRS", "a column missing", "decimal comma", "NaN", "one name, two places"],
+    ids=[
+        "empty",
+        "no header",
+        "unknown CRS",
+        "a column missing",
+        "decimal comma",
+        "NaN",
+        "blanks",
+        "one name, two places",
+    ],
 )
 def test_a_typo_is_named_with_file_line_and_value(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "gcp_list.txt"
@@ -92,7 +106,12 @@ def compute_camera_errors_m(found: GeoreferencedCampaign) -> np.ndarray:
     ("first", "remark"),
     [
         (replace(CONTROL.points[0], x=CONTROL.points[0].x + 100), "control points left out as gross errors: G1"),
-        (misname_photographs(CONTROL.points[0]), "control points not usable (fewer than 2 agreeing marks): G1"),
+        (
+            misname_photographs(replace(CONTROL.points[0], marks=CONTROL.points[0].marks[:2])),
+            "2 marks of gcp_list.txt are not used: 'DJI_p02.jpg' is not among the campaign's photographs; "
+            "'DJI_p03.jpg' is not among the campaign's photographs; "
+            "control points not usable (fewer than 2 agreeing marks): G1",
+        ),
     ],
     ids=["easting mistyped by 100 m", "photographs' names mistyped"],
 )

@@ -61,7 +61,10 @@ def test_heights_are_in_the_feet_of_a_crs_that_says_nothing_of_heights() -> None
     )  # m
     found = georeference(in_feet)
     assert compute_camera_errors_m(found).max() < 0.1  # m
-    assert "and in the unit of east and north (0.3048006 m)" in found.row["remarks"]
+    assert (
+        "the control points' heights have no stated datum: taken in the model's (ellipsoidal) and in the unit of east "
+        "and north (0.3048006 m)"
+    ) in found.row["remarks"]
     # Where the CRS states the unit of heights, PROJ converts it.
     stated = replace(in_feet, crs="+proj=utm +zone=32 +datum=WGS84 +units=us-ft +vunits=m +no_defs")
     metres = replace(stated, points=tuple(replace(p, z=p.z * US_FOOT_M) for p in stated.points))
@@ -111,15 +114,32 @@ def test_control_in_an_older_datum_has_the_accuracy_of_the_operation_in_its_cova
         assert accuracy_m <= found.row[f"sigma_{axis}_m"] < 1.01 * found.row["control_operation_sigma_m"]
     for covariance in found.covariance.values():
         assert covariance[0, 0] >= accuracy_m**2
-    assert "is mostly that of the transformation from ED50 / UTM zone 32N" in found.row["remarks"]
-    with pytest.raises(GeoreferenceError, match=r"known to .* m .*mostly that of the transformation from ED50"):
+    sigma_m = {axis: found.row[f"sigma_{axis}_m"] for axis in ("east", "north", "up")}
+    worst = max(sigma_m, key=lambda axis: sigma_m[axis])
+    refusal = (
+        f"placed by gcp, the campaign's position is known to {sigma_m[worst]:.2f} m {worst} (one sigma), the limit is "
+        f"0.5 m (tolerances.placement_sigma_max_m); the position's sigma of {sigma_m[worst]:.2g} m is mostly that of "
+        f"the transformation from ED50 / UTM zone 32N to ETRS89 / UTM zone 32N by {found.row['control_operation']} "
+        f"(accuracy {accuracy_m:g} m); control in the CRS of the model has none; "
+    )
+    _, remark = refusal.split("; ", 1)
+    assert remark in found.row["remarks"]
+    with pytest.raises(GeoreferenceError) as raised:
         georeference(in_ed50, frame, limit_m=0.5)
+    assert str(raised.value) == (
+        refusal + "give control points (gcp_list.txt, 3 or more around the building), photographs from more sides or a "
+        "model with openings, or accept an accuracy of metres with --georeference gps"
+    )
 
 
 def test_control_in_wgs_84_is_taken_as_etrs89_and_told() -> None:
     found = georeference(convert("EPSG:32632"))
     assert (found.row["control_operation_accuracy_m"], found.row["control_operation_sigma_m"]) == (1.0, 0.0)
-    assert "are taken as ETRS89 / UTM zone 32N without a shift" in found.row["remarks"]
+    assert (
+        "positions in WGS 84 / UTM zone 32N are taken as ETRS89 / UTM zone 32N without a shift (Inverse of ETRS89 to "
+        "WGS 84 (1), accuracy 1 m, not in the sigmas): right if they were computed from it or corrected by its "
+        "service, else name the CRS that they were observed in"
+    ) in found.row["remarks"]
 
 
 def test_one_point_outside_the_area_of_use_is_left_out() -> None:
@@ -139,11 +159,11 @@ def test_a_missing_grid_ends_the_run_unless_the_operation_is_accepted() -> None:
     assert georeference(in_dhdn, accepted).row["control_operation_sigma_m"] >= 1.0
 
 
-def build_photos(unknown: int) -> pa.Table:
-    """Table ``photos`` of RTK positions, with the heights of the first few of unknown datum."""
+def build_photos(unknown: int, sigma_m: tuple[float, float] = (0.02, 0.03)) -> pa.Table:
+    """Table ``photos`` of positions as of RTK, with the heights of the first few of unknown datum."""
     rows = SCENE.build_photos().to_pylist()
     for k, row in enumerate(rows):
-        row |= {"prior_sigma_horizontal_m": 0.02, "prior_sigma_vertical_m": 0.03}
+        row |= {"prior_sigma_horizontal_m": sigma_m[0], "prior_sigma_vertical_m": sigma_m[1]}
         row["prior_height_datum"] = HeightDatum.UNKNOWN if k < unknown else HeightDatum.ELLIPSOIDAL
     return pa.Table.from_pylist(rows, schema=SCENE.build_photos().schema)
 
@@ -159,6 +179,15 @@ def test_one_height_of_unknown_datum_does_not_condemn_the_others() -> None:
     none_stated = collect_gps_priors(reconstruction, build_photos(len(priors.photo)), FRAME)
     assert none_stated.datum_unknown
     assert none_stated.unlike_heights == ()
+    found = georeference_reconstruction(
+        reconstruction,
+        build_photos(1, (0.4, 0.7)),  # m: the noise that the scene's positions have
+        site_frame=FRAME,
+        control=Control(kind=ControlKind.GPS, placement_sigma_max_m=60.0),
+    )
+    assert (
+        "the GPS heights of 1 of 24 photographs are not stated as ellipsoidal and count with a sigma of 50 m: p00.jpg"
+    ) in found.row["remarks"].split("; ")
 
 
 def test_positions_in_a_named_datum() -> None:

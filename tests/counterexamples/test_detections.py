@@ -66,6 +66,17 @@ def import_rows(folder: Path, *annotations: dict[str, Any], file_name: str = "IM
             "unknown_photo",
             "image_id 5 is not among the file's 'images'",
         ),
+        (
+            {
+                "bbox": [100, 100, 80, 4],
+                "category_id": 1,
+                "attributes": {"rotation": 90.0},
+                "segmentation": [[100, 100, 120, 100, 120, 104]],
+            },
+            "bad_box",
+            "rotation is 90 degrees, and its mask fits neither the box before nor after; draw it as a polygon without "
+            "rotation",
+        ),
     ],
 )
 def test_a_bad_box_is_a_row_and_the_others_are_accepted(
@@ -110,6 +121,55 @@ def test_normalised_boxes_instead_of_pixels(tmp_path: Path) -> None:
         f"detections file {tmp_path / 'boxes.json'}: all 1 boxes lie within 0..1, so they are normalised; "
         "COCO boxes are [x, y, width, height] in pixels: export boxes in pixels"
     )
+
+
+def test_corners_instead_of_width_and_height(tmp_path: Path) -> None:
+    corners = ({"bbox": [100, 100, 150, 130], "area": 1500}, {"bbox": [10, 20, 110, 30], "area": 1000})
+    with pytest.raises(InputDataError) as raised:
+        import_rows(tmp_path, *(one | {"category_id": 1} for one in corners))
+    assert str(raised.value) == (
+        f"detections file {tmp_path / 'boxes.json'}: the boxes seem to be [x1, y1, x2, y2]: the areas of all 2 boxes "
+        "that state one are those of corners, not width x height; COCO boxes are [x, y, width, height] in pixels: "
+        "export them so"
+    )
+
+
+@pytest.mark.parametrize(
+    ("written", "instead", "message"),
+    [
+        (
+            '"images": [{"id": 1, "file_name": "near/IMG_1.JPG"}',
+            '"images": [{"id": 1, "file_name": "near/IMG_1.JPG"}, {"id": 1, "file_name": "near/IMG_2.JPG"}',
+            ': images[0] and images[1] have the same id 1: {"id": 1, "file_name": "near/IMG_1.JPG"} and '
+            '{"id": 1, "file_name": "near/IMG_2.JPG"}; number them anew (files were merged?)',
+        ),
+        (
+            '"annotations": [',
+            '"annotations": [], "annotations": [',
+            " has the key 'annotations' twice in one object, so that one of its values would be lost; "
+            "merge the files with a tool that reads COCO",
+        ),
+        (
+            '{"id": 1, "file_name"',
+            '{"id": 5.2, "file_name"',
+            ": images[0].id is 5.2; every entry needs a whole number or text",
+        ),
+    ],
+    ids=["an id for two images", "a key twice", "an id that is no whole number"],
+)
+def test_ids_and_keys_that_name_two_things_or_none(tmp_path: Path, written: str, instead: str, message: str) -> None:
+    content = {
+        "images": [{"id": 1, "file_name": "near/IMG_1.JPG"}],
+        "categories": [{"id": 1, "name": "crack"}],
+        "annotations": [GOOD | {"id": 1, "image_id": 1}],
+    }
+    path = tmp_path / "boxes.json"
+    text = json.dumps(content)
+    assert written in text
+    path.write_text(text.replace(written, instead))
+    with pytest.raises(InputDataError) as raised:
+        import_coco(path, PHOTOS, class_names={})
+    assert str(raised.value) == f"detections file {path}{message}"
 
 
 def test_a_model_without_a_card_and_a_card_without_a_model(tmp_path: Path) -> None:
@@ -159,8 +219,11 @@ def test_rows_of_box_class_score_are_not_read_as_box_score_class(tmp_path: Path,
     with pytest.raises(ModelError) as raised:
         OnnxDetector(model, ModelCard.model_validate(make_card("nms6", class_names=classes)))
     count = len(rows[0]) - (len(rows[0]) > 1)
-    assert f"class column has {count} values that are not whole numbers, such as 0.9" in str(raised.value)
-    assert "rows seem to be box, class, score; export it with rows of box, score, class" in str(raised.value)
+    assert str(raised.value) == (
+        f"model {model}: class column has {count} values that are not whole numbers, such as 0.9: its rows seem to be "
+        "box, class, score; export it with rows of box, score, class; correct output.layout or class_names in the "
+        "card, or export the model again"
+    )
 
 
 def test_rows_of_box_class_score_that_a_probe_image_does_not_show_are_refused_with_the_first_box() -> None:
@@ -178,12 +241,19 @@ def test_exports_of_another_task_are_named(tmp_path: Path, task: str, kind: str)
     for card in (None, ModelCard.model_validate(make_card("yolov8", class_names=["a", "b", "c"]))):
         with pytest.raises(ModelError) as raised:
             load_detector(model) if card is None else OnnxDetector(model, card)
-        assert f"is an export of {kind} (its metadata state the task '{task}'), which no layout reads" in str(
-            raised.value
+        assert str(raised.value) == (
+            f"model {model} is an export of {kind} (its metadata state the task '{task}'), which no layout reads; "
+            "export a model of the task 'detect' or 'segment'"
         )
 
 
 def test_one_number_more_than_classes_may_be_an_angle(tmp_path: Path) -> None:
     three = np.concatenate([make_output("yolov8", []), np.full((1, 1, 126), 0.5)], axis=1)
-    with pytest.raises(ModelError, match="with 3 class_names its shape fits; or it is an export of oriented boxes"):
-        OnnxDetector(save_model(tmp_path / "crack.onnx", three), ModelCard.model_validate(make_card("yolov8")))
+    model = save_model(tmp_path / "crack.onnx", three)
+    with pytest.raises(ModelError) as raised:
+        OnnxDetector(model, ModelCard.model_validate(make_card("yolov8")))
+    assert str(raised.value) == (
+        f"model {model}: its output has shape (1, 7, 126), layout yolov8 with 2 classes at 96 x 64 px has (1, 6, N); "
+        "with 3 class_names its shape fits; or it is an export of oriented boxes (one number more: the angle), which "
+        "no layout reads; correct output.layout or class_names in the card, or export the model again"
+    )

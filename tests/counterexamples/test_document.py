@@ -42,7 +42,12 @@ def texts_of(module: Path) -> Iterator[str]:
             yield spoken(node, names)
 
 
-TEXTS = [text for module in sorted(HERE.parent.rglob("test_*.py")) if module.name != Path(__file__).name for text in texts_of(module)]
+TEXTS = [
+    text
+    for module in sorted(HERE.parent.rglob("test_*.py"))
+    if module.name != Path(__file__).name
+    for text in texts_of(module)
+]
 ROWS = [
     [cell.strip() for cell in line.strip("| \n").split(" | ")]
     for line in DOCUMENT.read_text("utf-8").splitlines()

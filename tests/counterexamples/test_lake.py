@@ -124,7 +124,7 @@ def overwrite(content: bytes) -> bytes:
 
 @pytest.mark.parametrize(
     ("damage", "problem"),
-    [(cut_off, r"it has [\d,]+ of [\d,]+ bytes"), (overwrite, "it cannot be read: "), (None, "it does not exist")],
+    [(cut_off, "it has … of … bytes"), (overwrite, "it cannot be read: …"), (None, "it does not exist")],
     ids=["cut off", "overwritten", "gone"],
 )
 def test_a_damaged_file_is_named_with_the_way_back(
@@ -141,10 +141,11 @@ def test_a_damaged_file_is_named_with_the_way_back(
     if damage is not None:
         newest.write_bytes(damage(content))
     wanted = (
-        rf"the lake {tmp_path} is damaged: {newest} of table defects \({problem}.*; it holds tower 2026-04, in version "
-        rf"{second.version} and later\)\. The way back: restore the file from a backup of the lake; version "
-        rf"{first.version} was made before it \(--as-of\); {tmp_path}/published has the published files of each "
-        r"version; or inspect the campaign again into another lake \(--lake\)"
+        f"the lake {tmp_path} is damaged: {newest} of table defects ({problem}; it holds tower 2026-04, in version "
+        f"{second.version} and later). The way back: restore the file from a backup of the lake; version "
+        f"{first.version} was made before it (--as-of); "
+        f"{tmp_path}/published has the published files of each version; or inspect the campaign again into another "
+        "lake (--lake)"
     )
     for read in (
         lambda: query(tmp_path, "SELECT defect_class, min(score) FROM defects GROUP BY ALL"),
@@ -152,7 +153,8 @@ def test_a_damaged_file_is_named_with_the_way_back(
     ):
         with pytest.raises(StoreError) as raised:
             read()
-        assert re.fullmatch(wanted, str(raised.value)), str(raised.value)
+        said = re.sub(r"it has [\d,]+ of [\d,]+ bytes", "it has … of … bytes", str(raised.value))
+        assert re.sub("(it cannot be read: ).*(; it holds)", r"\1…\2", said) == wanted
     assert len(read_table(tmp_path, "defects", as_of=first.version)) == 3
     done = facadelake("sql", "SELECT * FROM defects", "--lake", tmp_path)
     assert done.returncode == 1 and f"{newest} of table defects" in done.stderr, done.stderr

@@ -113,8 +113,13 @@ def test_a_size_that_does_not_tell_asks_for_the_key(
 def test_a_box_outside_the_stated_size_that_fits_as_displayed_puts_all_in_doubt(tmp_path: Path) -> None:
     """cases/coco/coco_exif.json: the size as stored, boxes as displayed."""
     file = write(tmp_path, (WIDTH, HEIGHT), {"bbox": [10, 5, 20, 4]}, {"bbox": [30, 45, 5, 10]})
-    with pytest.raises(InputDataError, match=r"annotation 1 on a\.JPG leaves the 60 x 40 px that the file states"):
+    with pytest.raises(InputDataError) as raised:
         import_coco(file, make_photos(6), class_names={})
+    assert (
+        "EXIF turns the photograph (orientation 6), and annotation 1 on a.JPG leaves the 60 x 40 px that the file "
+        "states, so sizes do not tell whether boxes are of the pixels as stored or as displayed; set exif_view of the "
+        "building's detector to stored or displayed"
+    ) in str(raised.value)
     rows = import_coco(file, make_photos(6), class_names={}, exif_view=ExifView.DISPLAYED).to_pylist()
     assert [row["detection_outcome"] for row in rows] == ["accepted", "accepted"]
     assert get_box(rows[1]) == [45, 5, 10, 5]  # 90 degrees clockwise as displayed: x = v, y = 40 - 30 - 5
