@@ -116,13 +116,12 @@ _LIST = [
         "campaign",
         "the passport: how the campaign was georeferenced, and how accurately",
         "building_id campaign_id",
-        "control method map_crs vertical_datum georeference_level crs_operation? crs_operation_accuracy_m? "
-        "control_operation? control_operation_accuracy_m? control_operation_sigma_m? reference_campaign? "
-        "points_used points_total scale "
+        "control method map_crs vertical_datum georeference_level reference_campaign? points_used points_total scale "
         "residual_mean_m? residual_rmse_m? residual_max_m? check_points check_residual_mean_m? check_residual_max_m? "
         "sigma_east_m sigma_north_m sigma_up_m gps_offset_east_m? gps_offset_north_m? gps_offset_up_m? "
         "gps_offset_sigma_m? tie_sigma_px? tie_variance_factor? model_residual_m? doming_m? doming_sigma_m? "
-        "edge_features? edge_score? edge_score_runner_up? remarks",
+        "edge_features? edge_score? edge_score_runner_up? remarks crs_operation? crs_operation_accuracy_m? "
+        "control_operation? control_operation_accuracy_m? control_operation_sigma_m?",
     ),
     _table(
         "georeference_points",

@@ -115,7 +115,7 @@ def test_a_photograph_is_shown_beside_the_model(small: SmallPortfolio, first_run
             assert target[int(y), int(x)]
             assert 0.7 * row["distance_m"] < depth_m[int(y), int(x)] < row["distance_m"] + 0.5
     missing = run("view", "small", CAMPAIGN, "nothing.JPG", *place, expect=1)
-    assert "match 'nothing.JPG'" in missing.stderr
+    assert "'nothing.JPG' is not among the campaign's photographs" in missing.stderr
 
 
 def test_pictures_are_drawn_from_the_lake_by_name(small: SmallPortfolio, first_run: str, tmp_path: Path) -> None:

@@ -92,6 +92,7 @@ def test_every_camera_is_placed_and_the_block_keeps_its_shape(block: Block) -> N
     sometimes = ("Joining blocks", "Resecting photographs")  # where the first placing leaves some photographs apart
     assert [cost.step for cost in block.reconstruction.costs if cost.step not in sometimes] == [
         "Extracting features", "Matching features", "Mapping photographs", "Adjusting the block",
+        "Checking focal lengths",
     ]  # fmt: skip
     assert not list((block.folder / "sfm").glob("features.db*"))  # hundreds of megabytes nobody reads again
 

@@ -78,6 +78,7 @@ def combine(*observations: tuple[str | None, float | None, float | None, float |
     table = pa.table({name: pa.array(values, types[name]) for name, values in columns.items()})
     table = table.append_column("crack_width_max_mm", table.column("crack_width_mm"))
     count = len(observations)
+    table = table.append_column("gsd_mm", pa.array(np.full(count, 2.0)))
     return estimate_crack_widths(table, np.zeros(count, dtype=np.int64), np.ones(count), 1)
 
 
