@@ -14,7 +14,7 @@ from pyproj.aoi import AreaOfInterest
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import compute_operation_sigma, find_operation, transform
 from facadelake.core.proj.crs import ECEF, ELLIPSOID_OF_CRS, GEO, combine_crs
-from facadelake.core.proj.operations import UNKNOWN_ACCURACY_M, require_best
+from facadelake.core.proj.operations import UNKNOWN_ACCURACY_M, name_crs, require_best
 from tests.unit.core.proj_grids import write_constant_shift
 
 PLACES = {
@@ -173,3 +173,8 @@ def test_installed_grids_are_found_and_enter_the_code_version(tmp_path: Path) ->
     np.testing.assert_allclose(geo, [lon, lat + 0.001, 60.0], rtol=0, atol=1e-7)
     assert found["without"][0] == "DHDN to WGS 84 (2)"
     assert found["without"][4] != code_version
+
+
+def test_a_crs_without_a_name_is_named_by_its_proj_string() -> None:
+    assert name_crs(pyproj.CRS("EPSG:25832")) == "ETRS89 / UTM zone 32N"
+    assert name_crs(pyproj.CRS("+proj=utm +zone=32 +datum=WGS84 +units=m")).startswith("+proj=utm +zone=32")
