@@ -173,7 +173,10 @@ def _describe_unavailable(
     source: pyproj.CRS, target: pyproj.CRS, lon_deg: float, lat_deg: float, missing: list[MissingOperation]
 ) -> str:
     """Why there is no operation for a place, and the remedy."""
-    text = f"no transformation from {name_crs(source)} to {name_crs(target)} is available at lon {lon_deg:.2f}, lat {lat_deg:.2f}"
+    text = (
+        f"no transformation from {name_crs(source)} to {name_crs(target)} is available at lon {lon_deg:.2f}, "
+        f"lat {lat_deg:.2f}"
+    )
     if missing:
         grids = missing[0].grids
         return (
