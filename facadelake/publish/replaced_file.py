@@ -16,7 +16,7 @@ import pyarrow.csv as csv
 import pyarrow.parquet as pq
 import pyogrio
 from pyarrow.lib import ArrowInvalid
-from pyogrio.errors import DataSourceError
+from pyogrio.errors import DataLayerError, DataSourceError
 
 from facadelake.core.errors import InputDataError
 
@@ -43,7 +43,7 @@ def replace_file(path: Path, write: Callable[[Path], Mapping[str, int]]) -> None
             _release_geopackage(path)
         temporary.replace(path)
         _read_back(path, rows, path)
-    except OSError as error:
+    except (OSError, DataSourceError, DataLayerError) as error:
         raise InputDataError(f"cannot write {path}: {error}; choose a writable folder with free space") from error
     finally:
         temporary.unlink(missing_ok=True)

@@ -86,7 +86,7 @@ def in_international_feet(path: Path) -> Path:
             unchanged,
             "neither the IFC nor the portfolio states the vertical datum of the model's heights (CRS EPSG:25832; its "
             "description 'reference ellipsoid GRS80, heights DHHN92' is not used); set crs.vertical in the portfolio: "
-            "'ellipsoidal', or a vertical CRS such as EPSG:5783 (DHHN92)",
+            "'ellipsoidal', or a vertical CRS such as EPSG:7837 (DHHN2016)",
         ),
         (
             Ifc(crs={"Name": "EPSG:25832+7837", "VerticalDatum": "DHHN92"}, conversion=CONVERSION),

@@ -90,7 +90,7 @@ def test_a_missing_model_and_one_without_bodies(tmp_path: Path, write_ifc: Write
     )
 
 
-VERTICAL = "set crs.vertical in the portfolio: 'ellipsoidal', or a vertical CRS such as EPSG:5783 (DHHN92)"
+VERTICAL = "set crs.vertical in the portfolio: 'ellipsoidal', or a vertical CRS such as EPSG:7837 (DHHN2016)"
 SET_CRS = "set crs.map in the portfolio to an EPSG code such as EPSG:25832"
 CHECK = "check the CRS and the units, and that the shift to the map is not in both the geometry and IfcMapConversion"
 UNKNOWN_DATUM = "EPSG:99999"
@@ -136,7 +136,7 @@ UNKNOWN_DATUM = "EPSG:99999"
         (
             PLACED,
             IfcModelSettings(vertical_datum="EPSG:25832"),
-            "EPSG:25832 (ETRS89 / UTM zone 32N) is not a vertical CRS; use one such as EPSG:5783 (DHHN92 height)",
+            "EPSG:25832 (ETRS89 / UTM zone 32N) is not a vertical CRS; use one such as EPSG:7837 (DHHN2016 height)",
         ),
         (
             PLACED,

@@ -45,6 +45,8 @@ def test_a_file_without_header_is_refused(tmp_path: Path) -> None:
     ("text", "message"),
     [
         (PIX4D.replace("altitude [m]", "altitude [ft]"), "column 'altitude [ft]' is in ft; give degrees and metres"),
+        (PIX4D.replace("altitude [m]", "alt_ft"), "column 'alt_ft' is in ft; give degrees and metres"),
+        (PIX4D.replace("altitude [m]", "altitude_feet"), "column 'altitude_feet' is in feet; give degrees and metres"),
         (PIX4D.replace("accuracy horz [m]", "height [m]"), "two columns are the height"),
         (RTKLIB.replace("%  name", "%").replace("a.jpg ", ""), "has no column of photograph"),
         (PIX4D.replace("48.9405", "x"), "has no usable line: line 2 (a.jpg,x"),
@@ -56,6 +58,48 @@ def test_a_file_that_could_be_misread_is_refused(text: str, message: str, tmp_pa
     with pytest.raises(InputDataError) as raised:
         read(tmp_path, text)
     assert message in str(raised.value)
+
+
+REFERENCES = "SourceFile,GPSLatitude,GPSLatitudeRef,GPSLongitude,GPSLongitudeRef,GPSAltitude,GPSAltitudeRef\n"
+
+
+@pytest.mark.parametrize("references", [("S", "W", "1"), ("South", "West", "Below Sea Level")])
+def test_references_give_the_signs(references: tuple[str, str, str], tmp_path: Path) -> None:
+    south, west, below = references
+    prior = read(tmp_path, REFERENCES + f"a.jpg,33.45123456,{south},70.66123456,{west},400,{below}\n").positions[
+        "a.jpg"
+    ]
+    assert (prior.lat_deg, prior.lon_deg, prior.height_m) == (-33.45123456, -70.66123456, -400.0)
+
+
+def test_references_that_say_nothing_are_told(tmp_path: Path) -> None:
+    text = REFERENCES + "a.jpg,33.45123456,N,70.66123456,E,400,0\n"
+    file = read(tmp_path, text + "b.jpg,33.45123456,X,70.66123456,E,400,0\nc.jpg,33.45123456,N,70.66123456,,400,0\n")
+    assert list(file.positions) == ["a.jpg"]
+    assert "GPSLatitudeRef is 'X', which is neither of N and S" in file.problems[0]
+    assert "GPSLongitudeRef is missing, so that east or west is unknown" in file.problems[1]
+    reordered = "name,lat,lon,latref,lonref\na.jpg,33.45123456,70.66123456,N,E\nb.jpg,33.45123456,70.66123456\n"
+    assert list(read(tmp_path, reordered).positions) == ["a.jpg"]
+    prior = read(tmp_path, text.replace("400,0", "400,unten")).positions["a.jpg"]
+    assert math.isnan(prior.height_m)
+    assert "GPSAltitudeRef 'unten' is neither above nor below; height 400.0 m is not used" in prior.warnings
+    ellipsoidal = read(tmp_path, text.replace("400,0", "400,2"))
+    assert ellipsoidal.positions["a.jpg"].height_datum is HeightDatum.ELLIPSOIDAL
+    with pytest.raises(
+        InputDataError, match="its height reference 2 is the ellipsoid, and the heights are orthometric"
+    ):
+        read(tmp_path, text.replace("400,0", "400,2"), PositionFileFormat(vertical="EPSG:5773"))
+
+
+def test_a_height_that_is_not_a_number_is_told(tmp_path: Path) -> None:
+    line = "{};48,940512345;8,407812345;{}\n"
+    text = "name;lat;lon;height\n" + line.format("a.jpg", "180,5") + line.format("b.jpg", "1.180,2")
+    file = read(tmp_path, text + line.format("c.jpg", "inf") + line.format("d.jpg", ""))
+    assert list(file.positions) == ["a.jpg", "d.jpg"]  # d.jpg states no height
+    assert file.problems == (
+        "line 3 (b.jpg;48,940512345;8,407812345;1.180,2): height '1.180,2' is not a number",
+        "line 4 (c.jpg;48,940512345;8,407812345;inf): height 'inf' is not a number",
+    )
 
 
 def test_accuracy_that_is_not_stated_is_told(tmp_path: Path) -> None:

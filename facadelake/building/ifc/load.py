@@ -37,7 +37,7 @@ _FALSE_ORIGIN_M = 10_000.0  # a model origin farther from the building than this
 class IfcModelSettings:
     """What the portfolio states about an IFC model; None means that the IFC's own statement applies.
 
-    ``vertical_datum`` is "ellipsoidal" or a vertical CRS such as "EPSG:5783". ``control`` (pairs of points of the model
+    ``vertical_datum`` is "ellipsoidal" or a vertical CRS such as "EPSG:7837". ``control`` (pairs of points of the model
     and of the map), else ``placement``, replaces the IFC's georeference. ``accept_level`` is the lowest LoGeoRef level
     that is accepted although its accuracy is metres. ``map_unit`` replaces MapUnit. ``building`` selects one
     IfcBuilding by name or GlobalId; empty takes all. ``storeys`` apply where the IFC has none. ``origin`` is the origin

@@ -238,7 +238,7 @@ def _resolve_crs(settings: MeshModelSettings, offset: MeshOffset | None) -> tupl
     if not vertical:
         raise GeoreferenceError(
             f"the vertical datum of the heights is not stated (CRS {horizontal}); set crs.vertical in the portfolio: "
-            "'ellipsoidal', or a vertical CRS such as EPSG:5783 (DHHN92)"
+            "'ellipsoidal', or a vertical CRS such as EPSG:7837 (DHHN2016)"
         )
     return horizontal, vertical
 

@@ -71,13 +71,15 @@ def parse_vertical_datum(text: str) -> str:
         crs = pyproj.CRS.from_epsg(int(code[1] or code[2]))
         if crs.is_vertical:
             return f"EPSG:{crs.to_epsg()}"
-        raise GeoreferenceError(f"{name} ({crs.name}) is not a vertical CRS; use one such as EPSG:5783 (DHHN92 height)")
+        raise GeoreferenceError(
+            f"{name} ({crs.name}) is not a vertical CRS; use one such as EPSG:7837 (DHHN2016 height)"
+        )
     known = query_crs_info(auth_name="EPSG", pj_types=[PJType.VERTICAL_CRS])
     same = [info for info in known if info.name.lower() in (name.lower(), f"{name.lower()} height")]
     if len(same) != 1:
         raise GeoreferenceError(
             f"PROJ knows no single vertical CRS named '{text}'; set crs.vertical in the portfolio: 'ellipsoidal', or a "
-            "vertical CRS such as EPSG:5783 (DHHN92)"
+            "vertical CRS such as EPSG:7837 (DHHN2016)"
         )
     return f"EPSG:{same[0].code}"
 

@@ -106,7 +106,8 @@ def resolve_crs(map_crs: str | None, vertical_datum: str | None, stated: IfcCrs)
         unread = f"; its description '{stated.description}' is not used" if stated.description else ""
         raise GeoreferenceError(
             f"neither the IFC nor the portfolio states the vertical datum of the model's heights (CRS {horizontal}"
-            f"{unread}); set crs.vertical in the portfolio: 'ellipsoidal', or a vertical CRS such as EPSG:5783 (DHHN92)"
+            f"{unread}); set crs.vertical in the portfolio: 'ellipsoidal', or a vertical CRS such as "
+            "EPSG:7837 (DHHN2016)"
         )
     return ModelCrs(horizontal=horizontal, vertical=vertical or ifc_vertical, remarks=tuple(remarks))
 

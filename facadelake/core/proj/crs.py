@@ -39,7 +39,7 @@ def combine_crs(horizontal: str, vertical_datum: str) -> str:
 
     Args:
         horizontal: a projected or geographic CRS.
-        vertical_datum: "ellipsoidal" (a GNSS height), "ellipsoid of the CRS", or a vertical CRS such as "EPSG:5783".
+        vertical_datum: "ellipsoidal" (a GNSS height), "ellipsoid of the CRS", or a vertical CRS such as "EPSG:7837".
 
     Returns:
         the CRS: unchanged for GNSS heights, else compound or three-dimensional.

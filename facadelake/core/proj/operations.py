@@ -183,9 +183,8 @@ def _describe_unavailable(
             f"{text}: the grid {', '.join(grids)} of {missing[0].name} ({_format_accuracy(missing[0].accuracy_m)}) is "
             f"not installed; {describe_grid_installation(grids)}, or give heights as ellipsoidal"
         )
-    return (
-        f"{text}: PROJ knows none whose area of use contains the place; check the CRS, or give heights as ellipsoidal"
-    )
+    # Not "give heights as ellipsoidal": whoever then only renames the datum is wrong by the height of the geoid.
+    return f"{text}: PROJ knows none whose area of use contains the place; check the CRS and the vertical datum"
 
 
 def _contains(area: object, lon_deg: float, lat_deg: float) -> bool:

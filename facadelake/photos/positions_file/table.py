@@ -20,6 +20,7 @@ import numpy as np
 from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.core.geodesy import transform
 from facadelake.core.proj.crs import GEO
+from facadelake.photos.gps_block import GpsAltitude, GpsAngle, parse_gps_altitude, parse_gps_angle
 from facadelake.photos.position_prior import (
     METRES_PER_DEGREE,
     SIGMA_DRONE,
@@ -61,8 +62,14 @@ _COLUMNS: dict[str, str] = {
         "vertical",
     ),
     **dict.fromkeys(("q", "quality"), "quality"),
+    **dict.fromkeys(("gpslatituderef", "latituderef", "latref", "latitudehemisphere", "lathemisphere"), "lat_ref"),
+    **dict.fromkeys(("gpslongituderef", "longituderef", "lonref", "longitudehemisphere", "lonhemisphere"), "lon_ref"),
+    **dict.fromkeys(("gpsaltituderef", "altituderef", "altref"), "height_ref"),
 }
 _REQUIRED = {"name": "photograph", "lat": "latitude", "lon": "longitude"}
+_AXES = {"lat": "latitude", "lon": "longitude"}
+_ELLIPSOIDAL_REFS = (2, 3)  # values of GPSAltitudeRef
+_UNIT_ENDING = re.compile(r"(.*?)[ _-]*(us-?ft|us-?feet|ft|feet|foot|mm|cm|km|rad|dms)\s*")
 _UNITS = ("", "deg", "degrees", "°", "decimal degrees", "dd", "m", "metre", "metres", "meter", "meters", "wgs84")
 # RTKLIB: 1 fixed, 2 float, 3 SBAS, 4 DGPS, 5 single, 6 PPP.
 _SIGMA_BY_QUALITY = {1.0: SIGMA_RTK_FIXED, 2.0: SIGMA_RTK_FLOAT}
@@ -118,26 +125,37 @@ def read_position_file(path: Path, layout: PositionFileFormat) -> PositionFile:
     problems: list[str] = []
     for number, line in rows:
         fields = _split_line(line, delimiter)
-        values = {kind: fields[i] for kind, i in header.items() if i < len(fields)}
+        values = {kind: fields[i] if i < len(fields) else "" for kind, i in header.items()}
         name = values.get("name", "").strip()
-        lat_deg, lon_deg = (_parse_number(values.get(axis, ""), delimiter) for axis in ("lat", "lon"))
-        problem = check_position(lon_deg, lat_deg) if name else "no name"
+        lat, lon = (_parse_angle(values, axis, delimiter) for axis in ("lat", "lon"))
+        altitude, no_height = _parse_height(values, height, delimiter)
+        unread = lat.problem or lon.problem or check_position(lon.angle_deg, lat.angle_deg) or no_height
+        problem = unread if name else "no name"
         if problem:
             problems.append(f"line {number} ({line.strip()[:60]}): {problem}")
             continue
+        row_datum = HeightDatum.ELLIPSOIDAL if altitude.ref in _ELLIPSOIDAL_REFS else datum
+        if datum not in (HeightDatum.UNKNOWN, row_datum):
+            problems.append(
+                f"line {number} ({line.strip()[:60]}): its height reference {altitude.ref} is the ellipsoid, and the "
+                f"heights are {datum} by the file or the portfolio"
+            )
+            continue
         sigma, evidence = _read_sigma(values, delimiter, layout)
-        warnings = [f"{path.name} states no accuracy; {evidence}"] if "taken" in evidence else []
+        warnings = [text for text in (lat.warning, lon.warning, altitude.warning) if text]
+        if "taken" in evidence:
+            warnings.append(f"{path.name} states no accuracy; {evidence}")
         if step_m / math.sqrt(12) > 0.1 * sigma.horizontal_m:
             sigma = replace(sigma, horizontal_m=math.hypot(sigma.horizontal_m, step_m / math.sqrt(12)))
             warnings.append(f"{path.name} gives positions in steps of {step_m:.2g} m")
         prior = PositionPrior(
             source=PositionSource.FILE,
-            lon_deg=lon_deg,
-            lat_deg=lat_deg,
-            height_m=_parse_number(values.get(height, ""), delimiter) if height else math.nan,
-            height_datum=datum,
+            lon_deg=lon.angle_deg,
+            lat_deg=lat.angle_deg,
+            height_m=altitude.altitude_m,
+            height_datum=row_datum,
             sigma=sigma,
-            evidence=f"{path.name} line {number}, {evidence}; height {_describe_datum(datum)}",
+            evidence=f"{path.name} line {number}, {evidence}; height {_describe_datum(row_datum)}",
             warnings=tuple(warnings),
         )
         found[name].append(_convert_height(prior, layout))
@@ -165,6 +183,9 @@ def _name_column(text: str) -> str:
     if found:
         name, unit = found[1], found[2].strip()
     kind = _COLUMNS.get(re.sub(r"[^a-z0-9]", "", name), "")
+    ending = _UNIT_ENDING.fullmatch(name)
+    if ending and not kind:
+        kind, unit = _COLUMNS.get(re.sub(r"[^a-z0-9]", "", ending[1]), ""), ending[2]
     if kind and unit not in _UNITS:
         raise ValueError(f"column '{text}' is in {unit}; give degrees and metres")
     return kind
@@ -220,6 +241,27 @@ def _parse_number(text: str, delimiter: str) -> float:
     except ValueError:
         return math.nan
     return number if math.isfinite(number) else math.nan
+
+
+def _parse_angle(values: Mapping[str, str], axis: str, delimiter: str) -> GpsAngle:
+    """Latitude or longitude (``axis`` lat or lon), by its reference where the file has a column of it."""
+    angle_deg = _parse_number(values.get(axis, ""), delimiter)
+    if f"{axis}_ref" not in values or math.isnan(angle_deg):
+        return GpsAngle(angle_deg=angle_deg)
+    return parse_gps_angle(angle_deg, values[f"{axis}_ref"], _AXES[axis])
+
+
+def _parse_height(values: Mapping[str, str], kind: str | None, delimiter: str) -> tuple[GpsAltitude, str]:
+    """The height by its reference, if there is one, and why it is none; without a value it is NaN, without a reason."""
+    text = values.get(kind or "", "").strip()
+    if not text:
+        return GpsAltitude(), ""
+    height_m = _parse_number(text, delimiter)
+    if math.isnan(height_m):
+        return GpsAltitude(), f"height '{text[:20]}' is not a number"
+    if not values.get("height_ref", ""):
+        return GpsAltitude(altitude_m=height_m), ""
+    return parse_gps_altitude(height_m, values["height_ref"]), ""
 
 
 def _find_step_m(rows: Sequence[Sequence[str]], header: Mapping[str, int]) -> float:

@@ -178,3 +178,12 @@ def test_installed_grids_are_found_and_enter_the_code_version(tmp_path: Path) ->
 def test_a_crs_without_a_name_is_named_by_its_proj_string() -> None:
     assert name_crs(pyproj.CRS("EPSG:25832")) == "ETRS89 / UTM zone 32N"
     assert name_crs(pyproj.CRS("+proj=utm +zone=32 +datum=WGS84 +units=m")).startswith("+proj=utm +zone=32")
+
+
+def test_heights_without_an_operation_are_not_to_be_renamed_ellipsoidal() -> None:
+    """PROJ has no geoid model of DHHN92; the same number taken as ellipsoidal is 48 m off in Karlsruhe."""
+    with pytest.raises(GeoreferenceError) as raised:
+        transform(np.array([[456_639.25, 5_421_033.5, 130.0]]), "EPSG:25832+5783", GEO)
+    assert str(raised.value).endswith(
+        ": PROJ knows none whose area of use contains the place; check the CRS and the vertical datum"
+    )

@@ -172,3 +172,13 @@ def test_unsupported_suffix_and_missing_folder(tmp_path: Path) -> None:
     with pytest.raises(InputDataError, match=r"folder .* does not exist; create it first"):
         export_table("defects", TABLES["defects"], tmp_path / "no" / "defects.csv")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="needs Linux's /proc")
+@pytest.mark.parametrize("suffix", [".parquet", ".gpkg", ".geojson", ".csv"])
+def test_a_folder_that_cannot_be_written_is_told(suffix: str) -> None:
+    path = Path(f"/proc/defects{suffix}")  # not even root creates files there
+    with pytest.raises(InputDataError) as raised:
+        export_table("defects", TABLES["defects"], path)
+    assert str(raised.value).startswith(f"cannot write {path}: ")
+    assert str(raised.value).endswith("; choose a writable folder with free space")
