@@ -58,6 +58,7 @@ class PlacementStatement(StrEnum):
 
     GPS_POSITION = "gps_position"
     GPS_HEIGHT = "gps_height"
+    HELD_OUT_POINTS = "held_out_points"
     SURVEYED_POINTS = "surveyed_points"
     CAMERA_HEIGHT = "camera_height"
     MODEL_IN_VIEW = "model_in_view"

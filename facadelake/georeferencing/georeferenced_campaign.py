@@ -42,7 +42,7 @@ from facadelake.georeferencing.placement_checks import (
 )
 from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.sfm import Reconstruction
-from schemas.vocabulary import ControlKind, PointKind
+from schemas.vocabulary import ControlKind, PlacementStatement, PointKind
 
 logger = logging.getLogger(__name__)
 
@@ -171,7 +171,7 @@ def build_georeferenced_campaign(
         held_out_m=held_out_m,
         remedy="; ".join(filter(None, [datum_remark, _REMEDY])),
     )
-    checks = _check_placement(priors, adjusted, sigma_m, held_out_m, control)
+    checks = _check_placement(priors, adjusted, sigma_m, points, control)
     disagreements = require_agreement(
         checks,
         control=placement.kind,
@@ -226,7 +226,7 @@ def _compute_camera_height(adjusted: AdjustedBlock, origin: SiteOrigin) -> float
 
 
 def _check_placement(
-    priors: GpsPriors, adjusted: AdjustedBlock, sigma_m: Float64x3, held_out_m: Float64N, control: Control
+    priors: GpsPriors, adjusted: AdjustedBlock, sigma_m: Float64x3, points: Sequence[PassportPoint], control: Control
 ) -> tuple[PlacementCheck, ...]:
     """Compare the adjusted block with GPS, surveyed points and the model.
 
@@ -234,16 +234,34 @@ def _check_placement(
         priors: the GPS priors.
         adjusted: the adjusted block.
         sigma_m: one sigma (3,) of the campaign's position.
-        held_out_m: residual lengths (k,) at held-out and check points.
+        points: the passport's points, of which held-out and check points are compared.
         control: the control available, for its model.
 
     Returns:
         the checks; those by the model where there is one.
     """
     residual_m = priors.xyz_site_m - np.array([camera.centre_site_m for camera in adjusted.cameras])[priors.photo]
-    gps_sigma_m = np.hypot(priors.sigma_m, priors.datum_sigma_m)
-    gps = check_gps(residual_m, gps_sigma_m, priors.flight, sigma_m, priors.convention_m)
-    checks = [*gps, check_surveyed_points(held_out_m, sigma_m, CONTROL_SIGMA_M)]
+    gps_sigma_m = priors.sigma_m
+    if priors.datum_shift is not None:
+        gps_sigma_m = np.hypot(gps_sigma_m, priors.datum_shift.sigma_m)
+    gps = check_gps(
+        residual_m, gps_sigma_m, priors.flight, sigma_m, priors.convention_m, datum_unknown=priors.datum_unknown
+    )
+    checks = [
+        *gps,
+        *(
+            check_surveyed_points(
+                statement,
+                np.array([np.linalg.norm(point.residual_site_m) for point in points if point.kind is kind]),
+                sigma_m,
+                CONTROL_SIGMA_M,
+            )
+            for statement, kind in (
+                (PlacementStatement.HELD_OUT_POINTS, PointKind.HELD_OUT),
+                (PlacementStatement.SURVEYED_POINTS, PointKind.CHECK),
+            )
+        ),
+    ]
     model = control.model
     if model is not None:
         checks += check_cameras(adjusted.cameras, model.surface, model.ground_site_m, model.highest_site_m)

@@ -304,6 +304,12 @@ def _add_check_points(
     marked = MarkedPoints(
         names=(*control.names, *(check_points.points[row].name for row in usable)),
         xyz_site_m=np.vstack([control.xyz_site_m, xyz[usable]]),
+        initial_xyz_site_m=np.vstack(
+            [
+                control.xyz_site_m,
+                placement.site_from_sfm.apply(np.array([mark.xyz_sfm for mark in usable_marks])),
+            ]
+        ),
         sigma_m=np.vstack([control.sigma_m, np.full((len(usable), 3), np.inf)]),
         photo=np.concatenate([control.photo, *(mark.photo for mark in usable_marks)]),
         point=np.concatenate(

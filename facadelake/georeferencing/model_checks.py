@@ -40,11 +40,15 @@ _SHARE_PER_METRE = 0.002  # of the tie points: of shifts with equal counts the s
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModelShift:
-    """A shift of a block (3,), and the numbers of tie points on the model without and with it, of those compared."""
+    """A shift of a block (3,), and the numbers of tie points on the model without and with it, of those compared.
+
+    ``matched_at_gps``: the number after the shift to GPS.
+    """
 
     shift_site_m: Float64x3
     matched: int
     matched_shifted: int
+    matched_at_gps: int
     compared: int
 
 
@@ -140,6 +144,7 @@ def check_tie_points(
             outcome=PlacementCheckOutcome.DISAGREES if nothing_fits else PlacementCheckOutcome.AGREES,
             deviation=np.nan if nothing_fits else 0.0,
             limit=_GATE_M,
+            decides=2 * found.matched > found.compared and _GAIN * found.matched_at_gps < found.matched,
             detail=f"{now}, and no shift up to {_SEARCH_HORIZONTAL_M:g} m horizontally or {_SEARCH_UP_M:g} m in height "
             "puts clearly more of them there",
         )
@@ -189,7 +194,7 @@ def search_model_shift(
         drawn = np.sort(random.choice(len(xyz), _MAX_POINTS, replace=False))
         xyz, origin = xyz[drawn], origin[drawn]
     if not len(xyz):
-        return ModelShift(shift_site_m=np.zeros(3), matched=0, matched_shifted=0, compared=0)
+        return ModelShift(shift_site_m=np.zeros(3), matched=0, matched_shifted=0, matched_at_gps=0, compared=0)
 
     def count(shift: Float64x3, gate_m: float, points: RowIndices | slice = slice(None)) -> int:
         return int(find_faces(xyz[points] + shift, origin[points] + shift, surface).match(gate_m).sum())
@@ -211,7 +216,13 @@ def search_model_shift(
     best = choose(np.vstack([zero, best + _list_shifts(_SEARCH_HORIZONTAL_M, 0.0, 1.0)]), _COARSE_GATE_M)
     for step_m in (1.0, 0.5, 0.25):
         best = choose(np.vstack([zero, best + _list_shifts(step_m, step_m, step_m)]), _GATE_M)
-    return ModelShift(shift_site_m=best, matched=matched, matched_shifted=count(best, _GATE_M), compared=len(xyz))
+    return ModelShift(
+        shift_site_m=best,
+        matched=matched,
+        matched_shifted=count(best, _GATE_M),
+        matched_at_gps=count(gps_shift_site_m, _GATE_M),
+        compared=len(xyz),
+    )
 
 
 def _list_shifts(horizontal_m: float, up_m: float, step_m: float) -> Float64Nx3:

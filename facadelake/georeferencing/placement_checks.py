@@ -22,10 +22,11 @@ from schemas.vocabulary import ControlKind, PlacementCheckOutcome, PlacementStat
 # A deviation beyond this many sigmas is a disagreement: 1 in 2000 of normal errors, 1 in 450 in two dimensions.
 LIMIT_SIGMAS = 3.5
 _MIN_PRIORS = 3
-_SOURCE_OF_STATEMENT = {
-    PlacementStatement.TIE_POINTS: ControlKind.MODEL,
-    PlacementStatement.SURVEYED_POINTS: ControlKind.GCP,
-}
+_GPS_STATEMENTS = (PlacementStatement.GPS_POSITION, PlacementStatement.GPS_HEIGHT)
+_MODEL_ON_ITSELF = (PlacementStatement.TIE_POINTS, ControlKind.MODEL)  # the control put the tie points there
+_AXES = {PlacementStatement.GPS_POSITION: [0, 1], PlacementStatement.GPS_HEIGHT: [2]}
+# Geoid heights are -106 to 85 m: GPS of unknown height datum is no evidence up to this.
+GEOID_HEIGHT_MAX_M = 106.0
 _MODEL_STATEMENTS = (
     PlacementStatement.CAMERA_HEIGHT,
     PlacementStatement.MODEL_IN_VIEW,
@@ -39,7 +40,8 @@ class PlacementCheck:
 
     ``deviation`` and ``limit`` in ``unit`` ("m", or "share" of photographs); NaN where not comparable. ``sigma``: that
     of the deviation, NaN where it has none. ``detail``: the comparison in words. ``shift_site_m`` (3,): the
-    shift of the campaign by which the statement would agree; None where it gives none.
+    shift of the campaign by which the statement would agree; None where it gives none. ``decides``: it would contradict
+    a campaign that agreed with GPS instead.
     """
 
     statement: PlacementStatement
@@ -50,6 +52,7 @@ class PlacementCheck:
     limit: float = np.nan
     unit: str = "m"
     shift_site_m: Float64x3 | None = None
+    decides: bool = False
 
     @property
     def disagrees(self) -> bool:
@@ -85,15 +88,18 @@ def check_gps(
     flight: Int64Array,
     placement_sigma_m: Float64x3,
     convention_m: float = 0.0,
+    *,
+    datum_unknown: bool,
 ) -> tuple[PlacementCheck, ...]:
     """Compare GPS with the placed cameras: the common offset of each flight against what its receiver can err.
 
     Args:
         residual_site_m: GPS position minus camera centre (n, 3).
-        sigma_m: one sigma (n, 3) of each position, with the common error of its receiver and height datum.
+        sigma_m: one sigma (n, 3) of each position, with the common error of its receiver.
         flight: flight (n,) of each position.
         placement_sigma_m: one sigma (3,) of the campaign's position.
         convention_m: largest shift between two datums that are taken as one (WGS 84 as ETRS89); it widens the limit.
+        datum_unknown: the heights have no stated datum, so that a geoid height is no disagreement.
 
     Returns:
         the check of the horizontal position and that of the height, each of the flight that deviates most.
@@ -113,38 +119,50 @@ def check_gps(
         )
     checks = []
     datums = f", of which {convention_m:g} m for datums that are taken as one" if convention_m else ""
-    for statement, axes in ((PlacementStatement.GPS_POSITION, [0, 1]), (PlacementStatement.GPS_HEIGHT, [2])):
+    for statement, axes in _AXES.items():
         number, count, offset, sigma = max(
             offsets, key=lambda flown: float(np.linalg.norm(flown[2][axes]) / flown[3][axes].max())
         )
         deviation = float(np.linalg.norm(offset[axes]))
         limit = LIMIT_SIGMAS * float(sigma[axes].max()) + convention_m
+        outcome = compare_deviation(deviation, limit)
+        geoid = ""
+        if datum_unknown and axes == [2]:
+            geoid = f", and a geoid height of up to {GEOID_HEIGHT_MAX_M:g} m, as the height datum is unknown"
+            if limit < deviation <= limit + GEOID_HEIGHT_MAX_M:
+                outcome = PlacementCheckOutcome.NOT_COMPARABLE
         stated = (
             f"east {offset[0]:+.2f} m, north {offset[1]:+.2f} m" if axes == [0, 1] else f"{offset[2]:+.2f} m in height"
         )
         checks.append(
             PlacementCheck(
                 statement=statement,
-                outcome=compare_deviation(deviation, limit),
+                outcome=outcome,
                 deviation=deviation,
                 sigma=float(sigma[axes].max()),
-                limit=limit,
+                limit=limit + GEOID_HEIGHT_MAX_M * bool(geoid),
                 detail=f"GPS of {count} photographs (flight {number + 1}) deviates from the placed cameras by {stated} "
-                f"(median, sigma {sigma[axes].max():.2f} m, limit {limit:.2f} m{datums})",
+                f"(median, sigma {sigma[axes].max():.2f} m, limit {limit:.2f} m{datums}{geoid})",
                 shift_site_m=np.where(np.isin(np.arange(3), axes), offset, 0.0),
             )
         )
     return tuple(checks)
 
 
-def check_surveyed_points(residual_m: Float64N, placement_sigma_m: Float64x3, survey_sigma_m: float) -> PlacementCheck:
-    """Compare surveyed points that took no part in the placement: their median residual (k,) against the sigmas."""
-    statement = PlacementStatement.SURVEYED_POINTS
+def check_surveyed_points(
+    statement: PlacementStatement, residual_m: Float64N, placement_sigma_m: Float64x3, survey_sigma_m: float
+) -> PlacementCheck:
+    """Compare surveyed points with the placement: their median residual (k,) against the sigmas.
+
+    ``statement``: SURVEYED_POINTS for check points, which took no part in the placement, HELD_OUT_POINTS for control
+    points left out one at a time. The latter share what is wrong with all of their file, so they decide nothing.
+    """
+    words = (
+        "check points" if statement is PlacementStatement.SURVEYED_POINTS else "control points held out one at a time"
+    )
     if not len(residual_m):
         return PlacementCheck(
-            statement=statement,
-            outcome=PlacementCheckOutcome.NOT_COMPARABLE,
-            detail="no surveyed point was held out of the placement",
+            statement=statement, outcome=PlacementCheckOutcome.NOT_COMPARABLE, detail=f"there are no {words}"
         )
     sigma = float(np.hypot(placement_sigma_m.max(), survey_sigma_m))
     deviation, limit = float(np.median(residual_m)), LIMIT_SIGMAS * sigma
@@ -154,8 +172,9 @@ def check_surveyed_points(residual_m: Float64N, placement_sigma_m: Float64x3, su
         deviation=deviation,
         sigma=sigma,
         limit=limit,
-        detail=f"{len(residual_m)} surveyed points held out of the placement deviate by {deviation:.3f} m "
+        detail=f"{len(residual_m)} {words} deviate by {deviation:.3f} m "
         f"(median, sigma {sigma:.3f} m, limit {limit:.3f} m)",
+        decides=statement is PlacementStatement.SURVEYED_POINTS,
     )
 
 
@@ -169,9 +188,10 @@ def require_agreement(
 ) -> tuple[str, ...]:
     """Refuse a placement that independent evidence contradicts.
 
-    The model's statements always count, since defects are registered on it. GPS counts beyond the accuracy that a
-    campaign must have; where tie points lie on the model, or surveyed points agree, and neither was the control, two
-    statements agree against GPS and it is reported only.
+    The model's statements count, since defects are registered on it; tie points that would fit elsewhere are reported
+    only where GPS or check points exclude that shift. Check points count beyond the accuracy that a campaign must have,
+    and so does GPS, unless another statement decides against it: tie points on the model that would not lie there if
+    the campaign agreed with GPS, or check points.
 
     Args:
         checks: the comparisons.
@@ -188,24 +208,31 @@ def require_agreement(
             and probable causes.
     """
     disagreements = [check for check in checks if check.disagrees]
-    independent = {
-        statement
-        for statement, source in _SOURCE_OF_STATEMENT.items()
-        if source is not control  # a control's own points agree with it by construction
-    }
-    outvoted = any(check.statement in independent and check.outcome is PlacementCheckOutcome.AGREES for check in checks)
+    outvoted = any(
+        check.decides and not check.disagrees and (check.statement, control) != _MODEL_ON_ITSELF for check in checks
+    )
     refused = [
         check
         for check in disagreements
-        if check.statement in _MODEL_STATEMENTS
+        if (check.statement in _MODEL_STATEMENTS and not _is_shift_excluded(check, checks))
         or (
-            check.statement in (PlacementStatement.GPS_POSITION, PlacementStatement.GPS_HEIGHT)
-            and check.deviation > placement_sigma_max_m
-            and not outvoted
+            check.deviation > placement_sigma_max_m
+            and (
+                check.statement is PlacementStatement.SURVEYED_POINTS
+                or (check.statement in _GPS_STATEMENTS and not outvoted)
+            )
         )
     ]
     if not refused:
-        return tuple(f"disagreement: {check.detail}" for check in disagreements)
+        undecided = [
+            check
+            for check in checks
+            if check.outcome is PlacementCheckOutcome.NOT_COMPARABLE and np.isfinite(check.deviation)
+        ]
+        return tuple(
+            [f"disagreement: {check.detail}" for check in disagreements]
+            + [f"undecided: {check.detail}" for check in undecided]
+        )
     agreeing = [check.detail for check in checks if check.outcome is PlacementCheckOutcome.AGREES]
     shifts = [check.shift_site_m for check in disagreements if check.shift_site_m is not None]
     causes = suggest_causes(shifts, height_ellipsoidal_m)
@@ -214,3 +241,20 @@ def require_agreement(
         + (f". It agrees with: {'; '.join(agreeing)}" if agreeing else "")
         + f". {causes}. Correct the statement that is wrong, or choose another control with --georeference"
     )
+
+
+def _is_shift_excluded(check: PlacementCheck, checks: Sequence[PlacementCheck]) -> bool:
+    """Whether GPS or check points agree with the placement, and would not after the shift of ``check``."""
+    shift = check.shift_site_m
+    if shift is None:
+        return False
+    for other in checks:
+        if other.outcome is not PlacementCheckOutcome.AGREES:
+            continue
+        if other.statement in _GPS_STATEMENTS and other.shift_site_m is not None:
+            axes = _AXES[other.statement]
+            if np.linalg.norm((other.shift_site_m - shift)[axes]) > other.limit:
+                return True
+        if other.statement is PlacementStatement.SURVEYED_POINTS and np.linalg.norm(shift) > 2 * other.limit:
+            return True
+    return False

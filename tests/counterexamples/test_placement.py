@@ -9,7 +9,7 @@ import pytest
 
 from facadelake.core.errors import GeoreferenceError
 from facadelake.georeferencing.gcp.control_points import SurveyedPoints
-from schemas.vocabulary import ControlKind, PlacementCheckOutcome
+from schemas.vocabulary import ControlKind, PlacementCheckOutcome, PlacementStatement
 from tests.synthetic.test_georeference import Scene, build_model, build_ring
 
 SCENE = Scene(build_ring())
@@ -30,8 +30,9 @@ def scale_heights(points: SurveyedPoints, factor: float) -> SurveyedPoints:
 def test_control_points_right_by_themselves_agree() -> None:
     found = SCENE.georeference(ControlKind.GCP, control_points=SCENE.build_control(), model=build_model())
     outcomes = {check.statement: check.outcome for check in found.placement_checks}
-    assert set(outcomes.values()) == {PlacementCheckOutcome.AGREES}
-    assert len(outcomes) == 6
+    without = {PlacementStatement.SURVEYED_POINTS}  # no check points are given
+    assert {name for name, outcome in outcomes.items() if outcome is not PlacementCheckOutcome.AGREES} == without
+    assert len(outcomes) == 7
     assert "disagreement" not in found.row["remarks"]
 
 
@@ -92,3 +93,23 @@ def test_poses_of_a_scene_in_feet() -> None:
         SCENE.georeference(
             ControlKind.GCP, control_points=move(SCENE.build_control(), up_m=187 / 0.3048 - 187), model=build_model()
         )
+
+
+def test_check_points_that_contradict_control_points_without_a_model() -> None:
+    """Four control points 48 m low, two check points that are right: once committed, the check points outnumbered."""
+    control = SCENE.build_control()
+    low = move(replace(control, points=control.points[:4]), up_m=-48.0)
+    with pytest.raises(GeoreferenceError) as raised:
+        SCENE.georeference(
+            ControlKind.GCP, control_points=low, check_points=replace(control, points=control.points[4:])
+        )
+    assert "2 check points deviate by 4" in str(raised.value)
+
+
+def test_control_points_in_feet_without_a_model() -> None:
+    """Heights of 187 m in feet place the block 427 m too high: more than any geoid height."""
+    with pytest.raises(GeoreferenceError) as raised:
+        SCENE.georeference(ControlKind.GCP, control_points=move(SCENE.build_control(), up_m=187 / 0.3048 - 187))
+    message = str(raised.value)
+    assert "and a geoid height of up to 106 m, as the height datum is unknown)" in message
+    assert "heights in feet read as metres (the cameras lie" in message

@@ -51,7 +51,8 @@ def build_problem(
     marked = control.marked
     if marked is not None:
         image_points = _append_image_points(image_points, _build_mark_observations(marked, count))
-        xyz = np.vstack([xyz, marked.xyz_site_m])
+        initial = marked.initial_xyz_site_m
+        xyz = np.vstack([xyz, marked.xyz_site_m if initial is None else initial])
         priors = _append_priors(priors, _build_survey_priors(marked, count))
     mean, sigma = build_lens_prior(block.cameras)
     return AdjustmentProblem(

@@ -15,6 +15,8 @@ class MarkedPoints:
 
     ``names`` (p), ``xyz_site_m`` (p, 3) as surveyed, ``sigma_m`` (p, 3; infinite for a check point, which has no weight
     in the adjustment). Mark k: photograph ``photo[k]`` shows ``point[k]`` at ``xy_img[k]``, within ``sigma_px``.
+    ``initial_xyz_site_m`` (p, 3): where the marks intersect in the initial placement, from which the adjustment starts;
+    None: as surveyed. A check point may be surveyed tens of metres from there.
     """
 
     names: tuple[str, ...]
@@ -24,6 +26,7 @@ class MarkedPoints:
     point: RowIndices
     xy_img: Float64Nx2
     sigma_px: float
+    initial_xyz_site_m: Float64Nx3 | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -40,7 +40,7 @@ from facadelake.georeferencing.placement_checks import (
 )
 from facadelake.georeferencing.poses_table import build_pose_columns
 from facadelake.georeferencing.site_frame import SiteFrame
-from schemas.vocabulary import ControlKind, PhotoOutcome, PoseSource
+from schemas.vocabulary import ControlKind, PhotoOutcome, PlacementStatement, PoseSource
 
 # Accuracy of a good bundle adjustment on a building; assumed where the file states no sigma.
 SIGMA_POSITION_M = 0.02
@@ -142,8 +142,9 @@ def place_imported_poses(
             validation.gps_flight,
             sigma_m,
             gps_shift.convention_m,
+            datum_unknown=validation.gps_datum_unknown,
         ),
-        check_surveyed_points(validation.held_out_m, sigma_m, CONTROL_SIGMA_M),
+        check_surveyed_points(PlacementStatement.SURVEYED_POINTS, validation.held_out_m, sigma_m, CONTROL_SIGMA_M),
         *check_cameras(cameras, surface, float(lowest_m), float(highest_m)),
     )
     centres = np.array([camera.centre_site_m for camera in cameras])

@@ -13,7 +13,6 @@ from facadelake.core.camera import PosedCamera
 from facadelake.core.geodesy import SITE_AXES
 from facadelake.georeferencing.datum_shift import site_from_crs
 from facadelake.georeferencing.gcp.control_points import SurveyedPoints, transform_to_site
-from facadelake.georeferencing.gps.priors import DATUM_SIGMA_M
 from facadelake.georeferencing.passport import PassportPoint
 from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.georeferencing.triangulation import ImageRay, intersect_rays
@@ -27,14 +26,15 @@ _MAD_TO_SIGMA = 1.4826
 class ImportValidation:
     """Points of the passport, the columns of table ``georeference`` that they give, and remarks.
 
-    ``gps_residual_m`` (n, 3): GPS minus camera centre; ``gps_sigma_m`` (n, 3), with that of an unknown height datum;
-    ``gps_flight`` (n,).
+    ``gps_residual_m`` (n, 3): GPS minus camera centre; ``gps_sigma_m`` (n, 3); ``gps_flight`` (n,);
+    ``gps_datum_unknown``: a height has no stated datum.
     """
 
     points: tuple[PassportPoint, ...]
     gps_residual_m: Float64Nx3
     gps_sigma_m: Float64Nx3
     gps_flight: Int64Array
+    gps_datum_unknown: bool
     columns: Mapping[str, Any]
     remarks: tuple[str, ...]
 
@@ -91,19 +91,14 @@ def validate_imported_poses(
     return ImportValidation(
         points=(*checks, *gps),
         gps_residual_m=np.array([point.residual_site_m for point in gps]).reshape(-1, 3),
-        gps_sigma_m=np.array([_estimate_gps_sigma(row) for row in located]).reshape(-1, 3),
+        gps_sigma_m=np.array(
+            [[*[row["prior_sigma_horizontal_m"]] * 2, row["prior_sigma_vertical_m"]] for row in located]
+        ).reshape(-1, 3),
+        gps_datum_unknown=any(row["prior_height_datum"] != HeightDatum.ELLIPSOIDAL for row in located),
         gps_flight=np.array([row["flight"] or 0 for row in located], dtype=np.int64),
         columns=columns,
         remarks=tuple(remarks),
     )
-
-
-def _estimate_gps_sigma(row: Mapping[str, Any]) -> tuple[float, float, float]:
-    """One sigma (east, north, up) of a photograph's GPS, metres."""
-    horizontal, vertical = row["prior_sigma_horizontal_m"], row["prior_sigma_vertical_m"]
-    if row["prior_height_datum"] != HeightDatum.ELLIPSOIDAL:
-        vertical = float(np.hypot(vertical, DATUM_SIGMA_M))
-    return horizontal, horizontal, vertical
 
 
 def _build_check_points(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -109,30 +111,52 @@ def test_gps_is_compared_in_proportion_to_its_sigma_and_by_flight() -> None:
     flight = np.repeat([0, 1], count)
     sigma = np.repeat([[3.0, 3.0, 5.0], [0.02, 0.02, 0.04]], count, axis=0)
     residual = np.repeat([[4.0, 3.0, 6.0], [0.0, 0.0, 0.0]], count, axis=0)
-    assert [check.outcome for check in check_gps(residual, sigma, flight, SIGMA)] == [AGREES, AGREES]
+    assert [check.outcome for check in check_gps(residual, sigma, flight, SIGMA, datum_unknown=False)] == [
+        AGREES,
+        AGREES,
+    ]
     residual[flight == 1] = [0.3, 0.0, 0.0]  # no RTK fix is 30 cm off
-    position, height = check_gps(residual, sigma, flight, SIGMA)
+    position, height = check_gps(residual, sigma, flight, SIGMA, datum_unknown=False)
     assert (position.outcome, height.outcome) == (DISAGREES, AGREES)
     assert position.deviation == pytest.approx(0.3)
     assert position.limit == pytest.approx(3.5 * np.hypot(0.02, 0.01))
     assert "flight 2" in position.detail
-    position, _ = check_gps(residual, sigma, flight, SIGMA, convention_m=1.0)  # WGS 84 taken as ETRS89
+    position, _ = check_gps(residual, sigma, flight, SIGMA, 1.0, datum_unknown=False)  # WGS 84 taken as ETRS89
     assert position.outcome is AGREES
     residual[flight == 1] = [1.2, 0.0, 0.0]
-    position, _ = check_gps(residual, sigma, flight, SIGMA, convention_m=1.0)
+    position, _ = check_gps(residual, sigma, flight, SIGMA, 1.0, datum_unknown=False)
     assert position.outcome is DISAGREES
     assert "of which 1 m for datums that are taken as one" in position.detail
 
 
 def test_without_gps_nothing_is_compared() -> None:
-    checks = check_gps(np.zeros((2, 3)), np.ones((2, 3)), np.zeros(2, dtype=np.int64), SIGMA)
+    checks = check_gps(np.zeros((2, 3)), np.ones((2, 3)), np.zeros(2, dtype=np.int64), SIGMA, datum_unknown=False)
     assert {check.outcome for check in checks} == {PlacementCheckOutcome.NOT_COMPARABLE}
 
 
-def test_surveyed_points_are_compared_with_both_sigmas() -> None:
-    assert check_surveyed_points(np.array([0.02, 0.03]), SIGMA, 0.01).outcome is AGREES
-    assert check_surveyed_points(np.array([0.2, 0.3]), SIGMA, 0.01).outcome is DISAGREES
-    assert check_surveyed_points(np.zeros(0), SIGMA, 0.01).outcome is PlacementCheckOutcome.NOT_COMPARABLE
+@pytest.mark.parametrize(
+    ("up_m", "outcome"),
+    [(10.0, AGREES), (48.0, PlacementCheckOutcome.NOT_COMPARABLE), (-130.3, DISAGREES)],
+)
+def test_heights_of_unknown_datum_decide_beyond_every_geoid_height_only(
+    up_m: float, outcome: PlacementCheckOutcome
+) -> None:
+    residual, sigma = np.tile([0.5, 0.5, up_m], (12, 1)), np.tile([3.0, 3.0, 5.0], (12, 1))
+    _, height = check_gps(residual, sigma, np.zeros(12, dtype=np.int64), SIGMA, datum_unknown=True)
+    assert height.outcome is outcome
+    assert "a geoid height of up to 106 m" in height.detail
+    known = check_gps(residual, sigma, np.zeros(12, dtype=np.int64), SIGMA, datum_unknown=False)[1]
+    assert known.outcome is (AGREES if abs(up_m) < 17.5 else DISAGREES)
+    if outcome is PlacementCheckOutcome.NOT_COMPARABLE:
+        assert require(height) == (f"undecided: {height.detail}",)
+
+
+@pytest.mark.parametrize("statement", [PlacementStatement.HELD_OUT_POINTS, PlacementStatement.SURVEYED_POINTS])
+def test_surveyed_points_are_compared_with_both_sigmas(statement: PlacementStatement) -> None:
+    assert check_surveyed_points(statement, np.array([0.02, 0.03]), SIGMA, 0.01).outcome is AGREES
+    assert check_surveyed_points(statement, np.array([0.2, 0.3]), SIGMA, 0.01).outcome is DISAGREES
+    none = check_surveyed_points(statement, np.zeros(0), SIGMA, 0.01)
+    assert none.outcome is PlacementCheckOutcome.NOT_COMPARABLE
 
 
 def require(*checks: PlacementCheck, control: ControlKind = ControlKind.GCP) -> tuple[str, ...]:
@@ -149,7 +173,8 @@ def state(statement: PlacementStatement, outcome: PlacementCheckOutcome, deviati
 
 
 def test_the_model_always_counts_and_gps_where_the_model_does_not_decide() -> None:
-    on_model = state(PlacementStatement.TIE_POINTS, AGREES)
+    on_model = replace(state(PlacementStatement.TIE_POINTS, AGREES), decides=True)
+    along_walls = state(PlacementStatement.TIE_POINTS, AGREES)  # they would lie on the walls where GPS says, too
     gps = state(PlacementStatement.GPS_HEIGHT, DISAGREES, 48.0)
     with pytest.raises(GeoreferenceError, match="geoid"):
         require(gps)
@@ -158,12 +183,36 @@ def test_the_model_always_counts_and_gps_where_the_model_does_not_decide() -> No
         require(gps, on_model, control=ControlKind.MODEL)
     with pytest.raises(GeoreferenceError, match=r"tie_points disagrees.*agrees with: gps_position"):
         require(state(PlacementStatement.TIE_POINTS, DISAGREES, 48.0), state(PlacementStatement.GPS_POSITION, AGREES))
-    surveyed = state(PlacementStatement.SURVEYED_POINTS, AGREES)
+    with pytest.raises(GeoreferenceError, match="gps_height"):
+        require(gps, along_walls)
     with pytest.raises(GeoreferenceError, match="gps_height"):  # held out of one file: they share its datum
-        require(gps, surveyed)
-    assert require(gps, surveyed, control=ControlKind.IMPORTED)
+        require(gps, state(PlacementStatement.HELD_OUT_POINTS, AGREES))
+    checked = replace(state(PlacementStatement.SURVEYED_POINTS, AGREES), decides=True)
+    assert require(gps, checked)
+    with pytest.raises(GeoreferenceError, match="surveyed_points"):
+        require(state(PlacementStatement.SURVEYED_POINTS, DISAGREES, 48.0), on_model)
     small = state(PlacementStatement.GPS_HEIGHT, DISAGREES, 0.3)  # within the accuracy that a campaign must have
     assert require(small) == ("disagreement: gps_height disagrees",)
+
+
+def test_a_shift_of_the_tie_points_that_gps_or_check_points_exclude_is_reported_only() -> None:
+    """A garden wall before the facade, a like house beside it: the tie points fit elsewhere, and GPS says no."""
+    elsewhere = replace(state(PlacementStatement.TIE_POINTS, DISAGREES, 3.0), shift_site_m=np.array([0.0, 3.0, 0.0]))
+    rtk = replace(state(PlacementStatement.GPS_POSITION, AGREES), shift_site_m=np.array([0.01, 0.02, 0.0]), limit=1.07)
+    drone = replace(rtk, limit=10.5)
+    checked = replace(state(PlacementStatement.SURVEYED_POINTS, AGREES), decides=True, limit=0.05)
+    assert require(elsewhere, rtk) == ("disagreement: tie_points disagrees",)
+    assert require(elsewhere, drone, checked) == ("disagreement: tie_points disagrees",)
+    with pytest.raises(GeoreferenceError, match="tie_points"):
+        require(elsewhere, drone)
+
+
+def test_tie_points_decide_where_they_would_leave_the_model_only() -> None:
+    xyz, origin = draw_tie_points(NO_SHIFT)
+    across = check_tie_points(xyz, origin, BOX, gps_shift_site_m=np.array([4.0, 0, 0]), sigma_m=SIGMA)
+    along = check_tie_points(xyz, origin, BOX, gps_shift_site_m=np.array([0, 0, 0.6]), sigma_m=SIGMA)
+    assert (across.outcome, across.decides) == (AGREES, True)
+    assert (along.outcome, along.decides) == (AGREES, False)
 
 
 @pytest.mark.parametrize(
