@@ -18,15 +18,14 @@ from facadelake.core.geodesy import SITE_AXES, SiteOrigin
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.acceptance import require_accuracy, require_consistent_frame
 from facadelake.georeferencing.adjustment.adjusted_block import AdjustedBlock
-from facadelake.georeferencing.adjustment.point_to_plane import select_points_with_origins
 from facadelake.georeferencing.available_control import Control
+from facadelake.georeferencing.block_checks import check_block
 from facadelake.georeferencing.campaign.reference import ReferencePoints
 from facadelake.georeferencing.campaign.reference_selection import build_reference
 from facadelake.georeferencing.datum_shift import build_operation_columns, describe_datum_shift
 from facadelake.georeferencing.gps.priors import DATUM_SIGMA_M, GpsPriors
-from facadelake.georeferencing.initial_placement import CONTROL_SIGMA_M, InitialPlacement
+from facadelake.georeferencing.initial_placement import InitialPlacement
 from facadelake.georeferencing.model.lean import BlockLean
-from facadelake.georeferencing.model_checks import check_cameras, check_tie_points
 from facadelake.georeferencing.model_comparison import compare_with_model
 from facadelake.georeferencing.passport import (
     PassportPoint,
@@ -34,15 +33,10 @@ from facadelake.georeferencing.passport import (
     build_gps_points,
     build_points_table,
 )
-from facadelake.georeferencing.placement_checks import (
-    PlacementCheck,
-    check_gps,
-    check_surveyed_points,
-    require_agreement,
-)
+from facadelake.georeferencing.placement_checks import PlacementCheck, require_agreement
 from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.sfm import Reconstruction
-from schemas.vocabulary import ControlKind, PlacementStatement, PointKind
+from schemas.vocabulary import ControlKind, PointKind
 
 logger = logging.getLogger(__name__)
 
@@ -171,7 +165,7 @@ def build_georeferenced_campaign(
         held_out_m=held_out_m,
         remedy="; ".join(filter(None, [datum_remark, _REMEDY])),
     )
-    checks = _check_placement(priors, adjusted, sigma_m, points, control)
+    checks = check_block(priors, adjusted, sigma_m, points, control)
     disagreements = require_agreement(
         checks,
         control=placement.kind,
@@ -223,60 +217,6 @@ def _compute_camera_height(adjusted: AdjustedBlock, origin: SiteOrigin) -> float
     """Median ellipsoidal height of the cameras, metres."""
     centres = np.array([camera.centre_site_m for camera in adjusted.cameras])
     return float(np.median(origin.geo_from_site(centres)[:, 2]))
-
-
-def _check_placement(
-    priors: GpsPriors, adjusted: AdjustedBlock, sigma_m: Float64x3, points: Sequence[PassportPoint], control: Control
-) -> tuple[PlacementCheck, ...]:
-    """Compare the adjusted block with GPS, surveyed points and the model.
-
-    Args:
-        priors: the GPS priors.
-        adjusted: the adjusted block.
-        sigma_m: one sigma (3,) of the campaign's position.
-        points: the passport's points, of which held-out and check points are compared.
-        control: the control available, for its model.
-
-    Returns:
-        the checks; those by the model where there is one.
-    """
-    residual_m = priors.xyz_site_m - np.array([camera.centre_site_m for camera in adjusted.cameras])[priors.photo]
-    gps_sigma_m = priors.sigma_m
-    if priors.datum_shift is not None:
-        gps_sigma_m = np.hypot(gps_sigma_m, priors.datum_shift.sigma_m)
-    gps = check_gps(
-        residual_m, gps_sigma_m, priors.flight, sigma_m, priors.convention_m, datum_unknown=priors.datum_unknown
-    )
-    checks = [
-        *gps,
-        *(
-            check_surveyed_points(
-                statement,
-                np.array([np.linalg.norm(point.residual_site_m) for point in points if point.kind is kind]),
-                sigma_m,
-                CONTROL_SIGMA_M,
-            )
-            for statement, kind in (
-                (PlacementStatement.HELD_OUT_POINTS, PointKind.HELD_OUT),
-                (PlacementStatement.SURVEYED_POINTS, PointKind.CHECK),
-            )
-        ),
-    ]
-    model = control.model
-    if model is not None:
-        checks += check_cameras(adjusted.cameras, model.surface, model.ground_site_m, model.highest_site_m)
-        state = adjusted.solution.state
-        point, origin_site_m = select_points_with_origins(adjusted.tie_points, state)
-        checks.append(
-            check_tie_points(
-                state.xyz_site_m[point],
-                origin_site_m,
-                model.surface,
-                gps_shift_site_m=np.median(residual_m, axis=0) if len(residual_m) else np.zeros(3),
-                sigma_m=np.hypot(sigma_m, model.sigma_m),
-            )
-        )
-    return tuple(checks)
 
 
 def _describe_control(placement: InitialPlacement, adjusted: AdjustedBlock) -> dict[str, Any]:
