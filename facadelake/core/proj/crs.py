@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from functools import lru_cache
 
 import numpy as np
@@ -83,7 +84,16 @@ def is_horizontal(crs: pyproj.CRS) -> bool:
 
 def name_crs(crs_text: str) -> str:
     """The CRS as given, or its name where it was given as WKT."""
-    return crs_text if len(crs_text) <= 40 else str(parse_crs(crs_text).name)
+    return crs_text if len(crs_text) <= 40 else get_crs_name(parse_crs(crs_text))
+
+
+def get_crs_name(crs: pyproj.CRS) -> str:
+    """The name of a CRS; the PROJ string of one that has no name."""
+    if "unknown" not in crs.name.lower():
+        return str(crs.name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # a PROJ string has not all of a CRS; it is for people here
+        return crs.to_proj4() or str(crs.name)
 
 
 def mask_in_area_of_use(points: Float64Array, crs: str, margin_deg: float = AREA_MARGIN_DEG) -> BoolArray:

@@ -17,6 +17,7 @@ import pyproj
 from pyproj.transformer import AreaOfInterest, TransformerGroup
 
 from facadelake.core.errors import GeoreferenceError
+from facadelake.core.proj.crs import get_crs_name
 from facadelake.core.proj.grids import describe_grid_installation, use_installed_grids
 
 use_installed_grids()
@@ -76,15 +77,6 @@ class PlacedOperation:
         return f"{self.name} ({accuracy}{ambiguity})"
 
 
-def name_crs(crs: pyproj.CRS) -> str:
-    """The name of a CRS; the PROJ string of one that has no name."""
-    if "unknown" not in crs.name.lower():
-        return crs.name
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # a PROJ string has not all of a CRS; it is for people here
-        return crs.to_proj4() or crs.name
-
-
 @lru_cache(maxsize=256)
 def place_operation(source: pyproj.CRS, target: pyproj.CRS, lon_deg: float, lat_deg: float) -> PlacedOperation:
     """The best available operation for a place.
@@ -122,8 +114,8 @@ def place_operation(source: pyproj.CRS, target: pyproj.CRS, lon_deg: float, lat_
     equal = [one for one in usable if one is not best and _read_accuracy(one.accuracy) == accuracy_m]
     better = [one for one in missing if _rank_accuracy(one.accuracy_m) < _rank_accuracy(accuracy_m)]
     return PlacedOperation(
-        source=name_crs(source),
-        target=name_crs(target),
+        source=get_crs_name(source),
+        target=get_crs_name(target),
         name=_name_datum_steps(best.description),
         accuracy_m=accuracy_m,
         ambiguity_m=_measure_ambiguity(best, equal, source, lon_deg, lat_deg) if accuracy_m != 0.0 else 0.0,
@@ -174,7 +166,7 @@ def _describe_unavailable(
 ) -> str:
     """Why there is no operation for a place, and the remedy."""
     text = (
-        f"no transformation from {name_crs(source)} to {name_crs(target)} is available at lon {lon_deg:.2f}, "
+        f"no transformation from {get_crs_name(source)} to {get_crs_name(target)} is available at lon {lon_deg:.2f}, "
         f"lat {lat_deg:.2f}"
     )
     if missing:

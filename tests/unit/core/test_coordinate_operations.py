@@ -13,8 +13,8 @@ from pyproj.aoi import AreaOfInterest
 
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import compute_operation_sigma, find_operation, transform
-from facadelake.core.proj.crs import ECEF, ELLIPSOID_OF_CRS, GEO, combine_crs
-from facadelake.core.proj.operations import UNKNOWN_ACCURACY_M, name_crs, require_best
+from facadelake.core.proj.crs import ECEF, ELLIPSOID_OF_CRS, GEO, combine_crs, get_crs_name
+from facadelake.core.proj.operations import UNKNOWN_ACCURACY_M, require_best
 from tests.unit.core.proj_grids import write_constant_shift
 
 PLACES = {
@@ -176,8 +176,8 @@ def test_installed_grids_are_found_and_enter_the_code_version(tmp_path: Path) ->
 
 
 def test_a_crs_without_a_name_is_named_by_its_proj_string() -> None:
-    assert name_crs(pyproj.CRS("EPSG:25832")) == "ETRS89 / UTM zone 32N"
-    assert name_crs(pyproj.CRS("+proj=utm +zone=32 +datum=WGS84 +units=m")).startswith("+proj=utm +zone=32")
+    assert get_crs_name(pyproj.CRS("EPSG:25832")) == "ETRS89 / UTM zone 32N"
+    assert get_crs_name(pyproj.CRS("+proj=utm +zone=32 +datum=WGS84 +units=m")).startswith("+proj=utm +zone=32")
 
 
 def test_heights_without_an_operation_are_not_to_be_renamed_ellipsoidal() -> None:
