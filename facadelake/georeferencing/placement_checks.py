@@ -16,7 +16,7 @@ import pyarrow as pa
 from facadelake.core.arrays import Float64N, Float64Nx3, Float64x3, Int64Array
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.tables import table_from_rows
-from facadelake.georeferencing.probable_causes import suggest_causes
+from facadelake.georeferencing.probable_causes import GEOID_HEIGHT_MAX_M, suggest_causes
 from schemas.vocabulary import ControlKind, PlacementCheckOutcome, PlacementStatement
 
 # A deviation beyond this many sigmas is a disagreement: 1 in 2000 of normal errors, 1 in 450 in two dimensions.
@@ -25,8 +25,6 @@ _MIN_PRIORS = 3
 _GPS_STATEMENTS = (PlacementStatement.GPS_POSITION, PlacementStatement.GPS_HEIGHT)
 _MODEL_ON_ITSELF = (PlacementStatement.TIE_POINTS, ControlKind.MODEL)  # the control put the tie points there
 _AXES = {PlacementStatement.GPS_POSITION: [0, 1], PlacementStatement.GPS_HEIGHT: [2]}
-# Geoid heights are -106 to 85 m: GPS of unknown height datum is no evidence up to this.
-GEOID_HEIGHT_MAX_M = 106.0
 _MODEL_STATEMENTS = (
     PlacementStatement.CAMERA_HEIGHT,
     PlacementStatement.MODEL_IN_VIEW,

@@ -10,8 +10,9 @@ from facadelake.core.arrays import Float64x3
 
 _METRES_PER_FOOT = 0.3048
 _RELATIVE_TOLERANCE = 0.02
-# Geoid heights are -106 to 85 m on Earth; below some metres the shift is no geoid height, near the sea in most places.
-_GEOID_HEIGHT_M = (8.0, 110.0)
+# Geoid heights are -106 to 85 m on Earth; a shift of some metres has likelier causes.
+GEOID_HEIGHT_MAX_M = 106.0
+_GEOID_HEIGHT_M = (8.0, GEOID_HEIGHT_MAX_M)
 # Shifts between national datums and WGS 84, horizontally.
 _DATUM_SHIFT_M = (30.0, 900.0)
 
