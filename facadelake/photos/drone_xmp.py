@@ -24,13 +24,16 @@ import re
 from dataclasses import dataclass, replace
 
 from facadelake.photos.gps_block import parse_gps_altitude
-from facadelake.photos.xmp import XmpPacket
+from facadelake.photos.xmp import XmpPacket, find_step
 
 DJI = "http://www.dji.com/drone-dji/1.0"
 SKYDIO = "https://www.skydio.com/drone-skydio/1.0"
 PARROT = "http://www.parrot.com/drone-parrot/1.0"
 CAMERA_SCHEMAS = ("http://pix4d.com/camera/1.0", "http://ns.sensefly.com/Camera/1.0")
 EXIF_SCHEMA = "http://ns.adobe.com/exif/1.0"
+# RtkFlag of a fixed solution, and those of a float one: 32 to 49 in DJI's manuals, 34 in the older ones.
+RTK_FIXED = 50
+RTK_FLOAT = range(32, 50)
 _XMP_ANGLE = re.compile(r"(\d+),(\d+(?:\.\d+)?)(?:,(\d+(?:\.\d+)?))?([NSEW])")
 
 
@@ -55,8 +58,9 @@ class DroneMetadata:
 
     Latitude and longitude in degrees (WGS 84), altitudes in metres (the datum of the absolute altitude depends on the
     drone: see ``facadelake.photos.position_prior``), attitude of the camera in degrees (north-east-down),
-    ``stated_sigma_*`` as stated by the maker. ``camera_pitch_deg`` is Camera:Pitch as written, where the attitude comes
-    from it. ``body`` is the serial number of the aircraft.
+    ``stated_sigma_*`` as stated by the maker. ``position_step_deg`` and ``altitude_step_m`` are the resolutions as
+    written; ``position_problem`` says why a position cannot be right although it is valid. ``camera_pitch_deg`` is
+    Camera:Pitch as written, where the attitude comes from it. ``body`` is the serial number of the aircraft.
     """
 
     maker: str
@@ -72,6 +76,9 @@ class DroneMetadata:
     rtk_std_lon_m: float = math.nan
     rtk_std_lat_m: float = math.nan
     rtk_std_height_m: float = math.nan
+    position_problem: str = ""
+    position_step_deg: float = math.nan
+    altitude_step_m: float = math.nan
     stated_sigma_horizontal_m: float = math.nan
     stated_sigma_vertical_m: float = math.nan
     yaw_deg: float = math.nan
@@ -102,8 +109,15 @@ def _parse_dewarp(text: str) -> DewarpCalibration | None:
     return DewarpCalibration(fx_px=fx, fy_px=fy, centre_x_px=cx, centre_y_px=cy, k1=k1, k2=k2, p1=p1, p2=p2, k3=k3)
 
 
+def _find_finer(first: float, second: float) -> float:
+    """The finer of two resolutions: trailing zeros may be left out of one of the numbers."""
+    return min(filter(math.isfinite, (first, second)), default=math.nan)
+
+
 def _read_dji(xmp: XmpPacket) -> DroneMetadata:
     flag = xmp.get_number(DJI, "RtkFlag")
+    # Without a fix of RTK their values have no meaning.
+    read_std = xmp.get_sigma if flag == RTK_FIXED or flag in RTK_FLOAT else xmp.get_number
     return DroneMetadata(
         maker="DJI",
         body=xmp.get_text(DJI, "DroneSerialNumber", "DroneID", "CameraSerialNumber"),
@@ -114,9 +128,13 @@ def _read_dji(xmp: XmpPacket) -> DroneMetadata:
         altitude_type=xmp.get_text(DJI, "AltitudeType"),
         gps_status=xmp.get_text(DJI, "GpsStatus"),
         rtk_flag=int(flag) if math.isfinite(flag) else None,
-        rtk_std_lon_m=xmp.get_number(DJI, "RtkStdLon"),
-        rtk_std_lat_m=xmp.get_number(DJI, "RtkStdLat"),
-        rtk_std_height_m=xmp.get_number(DJI, "RtkStdHgt"),
+        rtk_std_lon_m=read_std(DJI, "RtkStdLon"),
+        rtk_std_lat_m=read_std(DJI, "RtkStdLat"),
+        rtk_std_height_m=read_std(DJI, "RtkStdHgt"),
+        position_step_deg=_find_finer(
+            xmp.get_step(DJI, "GpsLatitude"), xmp.get_step(DJI, "GpsLongitude", "GpsLongtitude")
+        ),
+        altitude_step_m=xmp.get_step(DJI, "AbsoluteAltitude"),
         yaw_deg=xmp.get_number(DJI, "GimbalYawDegree"),
         pitch_deg=xmp.get_number(DJI, "GimbalPitchDegree"),
         roll_deg=xmp.get_number(DJI, "GimbalRollDegree"),
@@ -138,6 +156,8 @@ def _read_skydio(xmp: XmpPacket) -> DroneMetadata:
         lon_deg=xmp.get_number(SKYDIO, "Longitude"),
         absolute_altitude_m=xmp.get_number(SKYDIO, "AbsoluteAltitude"),
         relative_altitude_m=xmp.get_number(SKYDIO, "RelativeAltitude"),
+        position_step_deg=_find_finer(xmp.get_step(SKYDIO, "Latitude"), xmp.get_step(SKYDIO, "Longitude")),
+        altitude_step_m=xmp.get_step(SKYDIO, "AbsoluteAltitude"),
         yaw_deg=xmp.get_number(SKYDIO, f"{ned}/Yaw"),
         pitch_deg=xmp.get_number(SKYDIO, f"{ned}/Pitch"),
         roll_deg=xmp.get_number(SKYDIO, f"{ned}/Roll"),
@@ -161,6 +181,14 @@ def _read_angle(xmp: XmpPacket, name: str) -> float:
     return -degrees if found[4] in "SW" else degrees
 
 
+def _find_angle_step(xmp: XmpPacket, name: str) -> float:
+    """Resolution as written of an angle, degrees; NaN where there is none."""
+    found = _XMP_ANGLE.fullmatch(xmp.get_text(EXIF_SCHEMA, name).upper())
+    if found is None:
+        return math.nan
+    return find_step(found[3]) / 3600 if found[3] else find_step(found[2]) / 60
+
+
 def _read_altitude(xmp: XmpPacket) -> float:
     """The altitude of the exif schema, negative below its reference; NaN, with a warning, where that is not clear."""
     altitude = parse_gps_altitude(
@@ -178,6 +206,8 @@ def _read_parrot(xmp: XmpPacket) -> DroneMetadata:
         lat_deg=_read_angle(xmp, "GPSLatitude"),
         lon_deg=_read_angle(xmp, "GPSLongitude"),
         absolute_altitude_m=_read_altitude(xmp),
+        position_step_deg=_find_finer(_find_angle_step(xmp, "GPSLatitude"), _find_angle_step(xmp, "GPSLongitude")),
+        altitude_step_m=xmp.get_step(EXIF_SCHEMA, "GPSAltitude"),
         yaw_deg=xmp.get_number(PARROT, "CameraYawDegree"),
         pitch_deg=xmp.get_number(PARROT, "CameraPitchDegree"),
         roll_deg=xmp.get_number(PARROT, "CameraRollDegree"),
@@ -191,8 +221,8 @@ def _add_camera_schema(drone: DroneMetadata, xmp: XmpPacket, schema: str) -> Dro
     drone = replace(
         drone,
         flight_id=xmp.get_text(schema, "FlightUUID"),
-        stated_sigma_horizontal_m=xmp.get_number(schema, "GPSXYAccuracy"),
-        stated_sigma_vertical_m=xmp.get_number(schema, "GPSZAccuracy"),
+        stated_sigma_horizontal_m=xmp.get_sigma(schema, "GPSXYAccuracy"),
+        stated_sigma_vertical_m=xmp.get_sigma(schema, "GPSZAccuracy"),
         stated_sigma_yaw_deg=xmp.get_number(schema, "IMUYawAccuracy"),
         stated_sigma_tilt_deg=max((tilt for tilt in tilts if math.isfinite(tilt)), default=math.nan),
     )

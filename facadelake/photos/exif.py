@@ -156,6 +156,15 @@ def _read_block(exif: Exif, ifd: IFD | None) -> tuple[dict[int, Any], list[str]]
         return {}, [f"EXIF is damaged ({error or type(error).__name__}): nothing of its {name} is used"]
 
 
+def _check_accuracies(gps: dict[int, Any]) -> list[str]:
+    """Warnings about accuracies that are none: not above zero, or infinite. 0/0 is how EXIF writes an unknown one."""
+    return [
+        f"EXIF {tag.name} {parse_text(gps[tag])[:40]} is no accuracy; taken as not stated"
+        for tag in (GPS.GPSHPositioningError, GPS.GPSDOP)
+        if tag in gps and not math.isnan(parse_number(gps[tag])) and math.isnan(parse_positive(gps[tag]))
+    ]
+
+
 def read_exif(exif: Exif, *, width_px: int) -> ExifMetadata:
     """Read the EXIF block of a photograph of the given stored width; what is damaged is empty, with a warning."""
     head, head_damage = _read_block(exif, None)
@@ -195,5 +204,13 @@ def read_exif(exif: Exif, *, width_px: int) -> ExifMetadata:
         map_datum=parse_text(gps.get(GPS.GPSMapDatum)),
         direction_deg=parse_number(gps.get(GPS.GPSImgDirection)),
         direction_magnetic=parse_text(gps.get(GPS.GPSImgDirectionRef)).upper() == "M",
-        warnings=tuple(filter(None, (*damage, lat.warning, lon.warning, altitude.warning, *time_warnings))),
+        warnings=tuple(
+            filter(
+                None,
+                (
+                    *(*damage, lat.warning, lon.warning, altitude.warning, *time_warnings),
+                    *_check_accuracies(gps),
+                ),
+            )
+        ),
     )

@@ -10,12 +10,11 @@ from itertools import product
 import numpy as np
 
 from facadelake.core.arrays import Float64N, Float64Nx2
+from facadelake.photos.coordinate_mistakes import LonLat
 from facadelake.photos.drone_xmp import DroneMetadata
 from facadelake.photos.exif import ExifMetadata
 from facadelake.photos.plausibility import FAR_M, east_north_from_lon_lat
 from facadelake.photos.position_prior import check_position
-
-_LonLat = tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +32,7 @@ def resolve_hemispheres(
 ) -> list[ResolvedExif]:
     """EXIF of all photographs of a campaign, with hemispheres that are not stated where only one is possible.
 
-    Evidence is the position in XMP, else the building's, else that of the other photographs: exactly one of the
+    Evidence is the position of the building, else that in XMP, else that of the other photographs: exactly one of the
     possible positions must be near it. Without such evidence the position stays unknown.
 
     Args:
@@ -47,7 +46,7 @@ def resolve_hemispheres(
     known = [
         place
         for exif, drone in zip(exifs, drones, strict=True)
-        for place in [_get_drone_place(drone) or _get_place(exif.lon_deg, exif.lat_deg)]
+        for place in [get_drone_place(drone) or get_place(exif.lon_deg, exif.lat_deg)]
         if place
     ]
     out = []
@@ -57,21 +56,21 @@ def resolve_hemispheres(
             out.append(ResolvedExif(exif=exif))
             continue
         evidence: list[tuple[str, Callable[[Float64Nx2], Float64N]]] = []
-        own = _get_drone_place(drone)
-        if own:
-            evidence.append(("the position in XMP", _build_distance(own)))
         if distance_to_model_m:
             evidence.append(("the position of the building", distance_to_model_m))
+        own = get_drone_place(drone)
+        if own:
+            evidence.append(("the position in XMP", build_distance(own)))
         if known:
-            centre: _LonLat = (float(np.median([lon for lon, _ in known])), float(np.median([lat for _, lat in known])))
-            evidence.append(("the positions of the other photographs", _build_distance(centre)))
+            centre: LonLat = (float(np.median([lon for lon, _ in known])), float(np.median([lat for _, lat in known])))
+            evidence.append(("the positions of the other photographs", build_distance(centre)))
         out.append(_resolve(exif, candidates, evidence))
     return out
 
 
 def _resolve(
     exif: ExifMetadata,
-    candidates: list[_LonLat],
+    candidates: list[LonLat],
     evidence: list[tuple[str, Callable[[Float64Nx2], Float64N]]],
 ) -> ResolvedExif:
     for name, distance_m in evidence:
@@ -95,7 +94,7 @@ def _resolve(
     return ResolvedExif(exif=replace(exif, position_problem=problem), warnings=(f"EXIF position not used: {problem}",))
 
 
-def _list_candidates(exif: ExifMetadata) -> list[_LonLat]:
+def _list_candidates(exif: ExifMetadata) -> list[LonLat]:
     """The possible positions (lon, lat) where a hemisphere is unknown; empty where none is, or there is no position."""
     if math.isnan(exif.unsigned_lat_deg) and math.isnan(exif.unsigned_lon_deg):
         return []
@@ -104,17 +103,21 @@ def _list_candidates(exif: ExifMetadata) -> list[_LonLat]:
     return [(lon, lat) for lon, lat in product(lons, lats) if not check_position(lon, lat)]
 
 
-def _get_place(lon_deg: float, lat_deg: float) -> _LonLat | None:
+def get_place(lon_deg: float, lat_deg: float) -> LonLat | None:
+    """The position (lon, lat); None where the coordinates are none."""
     return None if check_position(lon_deg, lat_deg) else (lon_deg, lat_deg)
 
 
-def _get_drone_place(drone: DroneMetadata | None) -> _LonLat | None:
+def get_drone_place(drone: DroneMetadata | None) -> LonLat | None:
+    """The position (lon, lat) in XMP; None where there is none."""
     if drone is None or drone.gps_status.lower() == "invalid":
         return None
-    return _get_place(drone.lon_deg, drone.lat_deg)
+    return get_place(drone.lon_deg, drone.lat_deg)
 
 
-def _build_distance(place: _LonLat) -> Callable[[Float64Nx2], Float64N]:
+def build_distance(place: LonLat) -> Callable[[Float64Nx2], Float64N]:
+    """The function that returns the distance (n,) in metres of positions (n, 2: lon_deg, lat_deg) from ``place``."""
+
     def distance_m(lon_lat_deg: Float64Nx2) -> Float64N:
         metres: Float64N = np.hypot(*east_north_from_lon_lat(lon_lat_deg, np.array(place)).T)
         return metres

@@ -10,7 +10,9 @@ from itertools import groupby
 import numpy as np
 
 from facadelake.core.arrays import Float64Array, Float64N, Float64Nx2, Int64Array
-from facadelake.photos.position_prior import METRES_PER_DEGREE, PositionPrior, PositionSigma
+from facadelake.photos.coordinate_mistakes import METRES_PER_DEGREE, list_corrections
+from facadelake.photos.position_prior import PositionPrior
+from facadelake.photos.position_sigma import PositionSigma
 from schemas.vocabulary import PositionSource
 
 # Photographs are never farther than this from the building, or from the other photographs.
@@ -120,15 +122,7 @@ def _check_distances(
 
 def _suggest_correction(place: Float64Array, distance: Callable[[Float64Nx2], Float64N]) -> str:
     """The error of writing that explains a position: the one whose correction brings it near; empty where none does."""
-    lon, lat = place
-    corrections = {
-        "latitude and longitude swapped": (lat, lon),
-        "the sign of the longitude (E/W) changed": (-lon, lat),
-        "the sign of the latitude (N/S) changed": (lon, -lat),
-        "both signs changed": (-lon, -lat),
-        "latitude and longitude swapped and the sign of the longitude changed": (-lat, lon),
-    }
-    possible = {name: position for name, position in corrections.items() if abs(position[1]) <= 90}
+    possible = list_corrections((float(place[0]), float(place[1])))
     metres = distance(np.array(list(possible.values())))
     best = int(np.argmin(metres))
     if metres[best] > FAR_M:

@@ -13,11 +13,20 @@ import numpy as np
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import find_operation, transform
 from facadelake.core.proj.crs import GEO
-from facadelake.photos.drone_xmp import DroneMetadata
+from facadelake.photos.coordinate_mistakes import METRES_PER_DEGREE, measure_apart_m, name_mistake
+from facadelake.photos.drone_xmp import RTK_FIXED, DroneMetadata
 from facadelake.photos.exif import ExifMetadata
+from facadelake.photos.position_sigma import (
+    SIGMA_DRONE,
+    SIGMA_HANDHELD,
+    PositionSigma,
+    estimate_drone_sigma,
+    estimate_exif_sigma,
+    widen_by_fix,
+    widen_by_steps,
+)
 from schemas.vocabulary import HeightDatum, PositionSource
 
-RTK_FIXED = 50
 EGM96 = "EPSG:4326+5773"
 
 
@@ -59,37 +68,6 @@ def ellipsoidal_from_egm96(lon_deg: float, lat_deg: float, height_m: float) -> t
     return float(geo[0, 2]), ", ".join(operation.grids) or operation.name
 
 
-# RtkFlag of a float solution: 32 to 49 in DJI's manuals, 34 in the older ones.
-RTK_FLOAT = range(32, 50)
-METRES_PER_DEGREE = 111_320.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class PositionSigma:
-    """Standard deviations in metres: of each horizontal axis, and of the height."""
-
-    horizontal_m: float
-    vertical_m: float
-
-
-# Carrier phase ambiguities fixed: the makers state 1 cm + 1 ppm and 1.5 cm + 1 ppm rms; doubled for the offset between
-# antenna and camera and the delay of the shutter.
-SIGMA_RTK_FIXED = PositionSigma(horizontal_m=0.02, vertical_m=0.04)
-# Ambiguities not fixed: decimetres.
-SIGMA_RTK_FLOAT = PositionSigma(horizontal_m=0.5, vertical_m=1.0)
-# A drone's single-frequency receiver under open sky has a stated hover accuracy of 1.5 m; near a facade, signals are
-# obstructed and reflected. The height is combined with a drifting barometer.
-SIGMA_DRONE = PositionSigma(horizontal_m=3.0, vertical_m=5.0)
-# The accuracy estimate of a receiver does not include errors common to its signals (reflections at the facade).
-SIGMA_OWN_ESTIMATE = PositionSigma(horizontal_m=1.0, vertical_m=2.0)
-# The receiver of a phone or a camera between buildings.
-SIGMA_HANDHELD = PositionSigma(horizontal_m=5.0, vertical_m=10.0)
-# Range error between buildings, multiplied by the dilution of precision.
-_RANGE_ERROR_M = 3.0
-# A two-dimensional fix has an assumed height; a void fix has no satellites.
-_SIGMA_NOT_MEASURED_M = 50.0
-
-
 @dataclass(frozen=True, kw_only=True)
 class PositionPrior:
     """Position of the camera by the metadata (WGS 84 degrees, metres); ``height_m`` is NaN where it is unknown.
@@ -120,64 +98,10 @@ def check_position(lon_deg: float, lat_deg: float) -> str:
     return ""
 
 
-def _estimate_drone_sigma(drone: DroneMetadata) -> tuple[PositionSigma, str]:
-    flag = drone.rtk_flag
-    if flag == RTK_FIXED:
-        lon, lat, height = drone.rtk_std_lon_m, drone.rtk_std_lat_m, drone.rtk_std_height_m
-        if lon > 0 and lat > 0 and height > 0:
-            sigma = PositionSigma(horizontal_m=max(lon, lat), vertical_m=height)
-            return sigma, f"RtkFlag 50 (fixed), RtkStd {lon:g}/{lat:g}/{height:g} m"
-        return SIGMA_RTK_FIXED, "RtkFlag 50 (fixed)"
-    if flag in RTK_FLOAT:
-        return SIGMA_RTK_FLOAT, f"RtkFlag {flag} (float)"
-    horizontal_m, vertical_m = drone.stated_sigma_horizontal_m, drone.stated_sigma_vertical_m
-    if horizontal_m > 0 and vertical_m > 0:
-        if drone.maker == "Parrot":  # its receivers use no corrections
-            horizontal_m = max(horizontal_m, SIGMA_OWN_ESTIMATE.horizontal_m)
-            vertical_m = max(vertical_m, SIGMA_OWN_ESTIMATE.vertical_m)
-        stated = (
-            f"GPSXYAccuracy {drone.stated_sigma_horizontal_m:.3g} m, GPSZAccuracy {drone.stated_sigma_vertical_m:.3g} m"
-        )
-        return PositionSigma(horizontal_m=horizontal_m, vertical_m=vertical_m), stated
-    return SIGMA_DRONE, "a drone's receiver without corrections" + ("" if flag is None else f" (RtkFlag {flag})")
-
-
-def _estimate_exif_sigma(exif: ExifMetadata) -> tuple[PositionSigma, str]:
-    if math.isfinite(exif.position_error_m):
-        sigma = PositionSigma(horizontal_m=exif.position_error_m, vertical_m=2 * exif.position_error_m)
-        return sigma, f"GPSHPositioningError {exif.position_error_m:g} m"
-    if math.isfinite(exif.dop):
-        horizontal_m = max(SIGMA_HANDHELD.horizontal_m, _RANGE_ERROR_M * exif.dop)
-        sigma = PositionSigma(horizontal_m=horizontal_m, vertical_m=2 * horizontal_m)
-        return sigma, f"GPSDOP {exif.dop:g} of {_RANGE_ERROR_M:g} m"
-    return SIGMA_HANDHELD, "a handheld receiver"
-
-
-def _widen_sigma(
-    sigma: PositionSigma, exif: ExifMetadata, source: PositionSource
-) -> tuple[PositionSigma, tuple[str, ...]]:
-    """The sigma, increased where EXIF states a poor fix, and the warnings."""
-    horizontal_m, vertical_m, warnings = sigma.horizontal_m, sigma.vertical_m, []
-    if source is PositionSource.EXIF:
-        step_m = exif.position_step_deg * METRES_PER_DEGREE
-        if step_m / math.sqrt(12) > 0.1 * horizontal_m:
-            horizontal_m = math.hypot(horizontal_m, step_m / math.sqrt(12))  # uniform distribution over a step
-            warnings.append(f"the position is written in steps of {step_m:.2g} m")
-        if exif.void:
-            horizontal_m, vertical_m = max(horizontal_m, _SIGMA_NOT_MEASURED_M), max(vertical_m, _SIGMA_NOT_MEASURED_M)
-            warnings.append("EXIF GPSStatus is V (void): the receiver had no fix")
-        if exif.two_dimensional:
-            vertical_m = max(vertical_m, _SIGMA_NOT_MEASURED_M)
-            warnings.append("EXIF GPSMeasureMode is 2: the height is not measured")
-        if exif.map_datum and not exif.map_datum.upper().replace(" ", "").replace("-", "").startswith("WGS84"):
-            warnings.append(f"EXIF GPSMapDatum is {exif.map_datum}; taken as WGS 84")
-    return PositionSigma(horizontal_m=horizontal_m, vertical_m=vertical_m), tuple(warnings)
-
-
 def _check_drone_position(drone: DroneMetadata) -> str:
     if drone.gps_status.lower() == "invalid":
         return "GpsStatus is Invalid"
-    return check_position(drone.lon_deg, drone.lat_deg)
+    return drone.position_problem or check_position(drone.lon_deg, drone.lat_deg)
 
 
 def _check_exif_position(exif: ExifMetadata) -> str:
@@ -199,31 +123,35 @@ def _compare_xmp_with_exif(drone: DroneMetadata, exif: ExifMetadata, outcome: st
     Both are written from one fix of one receiver, so that they must agree within one sigma of their difference and the
     rounding of EXIF. An accuracy that EXIF states is that of its own position, else both have that of the receiver.
     """
-    xmp_sigma, _ = _estimate_drone_sigma(drone)
-    exif_sigma = _estimate_exif_sigma(exif)[0] if math.isfinite(exif.position_error_m) else xmp_sigma
+    xmp_sigma, _ = estimate_drone_sigma(drone)
+    exif_sigma = estimate_exif_sigma(exif)[0] if math.isfinite(exif.position_error_m) else xmp_sigma
     horizontal_m = vertical_m = 0.0
     warnings = []
     if not _check_drone_position(drone) and not _check_exif_position(exif):
-        north = exif.lat_deg - drone.lat_deg
-        east = ((exif.lon_deg - drone.lon_deg + 180) % 360 - 180) * math.cos(math.radians(drone.lat_deg))
-        apart_m = math.hypot(north, east) * METRES_PER_DEGREE
+        xmp_place, exif_place = (drone.lon_deg, drone.lat_deg), (exif.lon_deg, exif.lat_deg)
+        apart_m = measure_apart_m(xmp_place, exif_place)
         # Rounded or truncated to a step in each axis.
-        step_m = math.sqrt(2) * METRES_PER_DEGREE * exif.position_step_deg if exif.position_step_deg > 0 else 0.0
+        steps_deg = sum(step for step in (drone.position_step_deg, exif.position_step_deg) if step > 0)
+        step_m = math.sqrt(2) * METRES_PER_DEGREE * steps_deg
         limit_m = math.hypot(xmp_sigma.horizontal_m, exif_sigma.horizontal_m) + step_m
         if apart_m > limit_m:
             horizontal_m = apart_m
+            mistake = name_mistake(xmp_place, exif_place)
             warnings.append(
-                f"the positions disagree by {apart_m:.2f} m, beyond their sigmas ({limit_m:.2g} m): "
+                f"the positions disagree by {apart_m:.2f} m, beyond their sigmas ({limit_m:.2g} m)"
+                f"{f', as with {mistake}' if mistake else ''}: "
                 f"XMP lat {drone.lat_deg:.8f}, lon {drone.lon_deg:.8f}; "
                 f"EXIF lat {exif.lat_deg:.8f}, lon {exif.lon_deg:.8f}; {outcome}"
             )
     apart_m = abs(exif.altitude_m - drone.absolute_altitude_m)
-    step_m = exif.altitude_step_m if exif.altitude_step_m > 0 else 0.0
+    step_m = sum(step for step in (drone.altitude_step_m, exif.altitude_step_m) if step > 0)
     limit_m = math.hypot(xmp_sigma.vertical_m, exif_sigma.vertical_m) + step_m
     if apart_m > limit_m and not _is_geoid_height(drone, exif, limit_m):
         vertical_m = apart_m
+        mirrored = abs(exif.altitude_m + drone.absolute_altitude_m) <= limit_m
         warnings.append(
-            f"the heights disagree by {apart_m:.2f} m, beyond their sigmas ({limit_m:.2g} m): "
+            f"the heights disagree by {apart_m:.2f} m, beyond their sigmas ({limit_m:.2g} m)"
+            f"{', as with the sign changed' if mirrored else ''}: "
             f"XMP {drone.absolute_altitude_m:.2f} m; EXIF {exif.altitude_m:.2f} m; {outcome}"
         )
     return _Disagreement(horizontal_m=horizontal_m, vertical_m=vertical_m, warnings=tuple(warnings))
@@ -235,9 +163,12 @@ _GEOID_MODEL_M = 1.0
 
 def _is_geoid_height(drone: DroneMetadata, exif: ExifMetadata, limit_m: float) -> bool:
     """Whether XMP is above the ellipsoid and EXIF above sea level, of one and the same height."""
-    if drone.rtk_flag != RTK_FIXED or exif.altitude_ref not in (0, 1) or _check_drone_position(drone):
+    if drone.rtk_flag != RTK_FIXED or exif.altitude_ref not in (0, 1):
         return False
-    converted = ellipsoidal_from_egm96(drone.lon_deg, drone.lat_deg, exif.altitude_m)
+    place = (exif.lon_deg, exif.lat_deg) if _check_drone_position(drone) else (drone.lon_deg, drone.lat_deg)
+    if check_position(*place):
+        return False
+    converted = ellipsoidal_from_egm96(*place, exif.altitude_m)
     return converted is not None and abs(converted[0] - drone.absolute_altitude_m) <= limit_m + _GEOID_MODEL_M
 
 
@@ -282,12 +213,21 @@ def _build_prior(
     disagreement = _compare_xmp_with_exif(drone, exif, outcome) if drone is not None else _Disagreement()
     exif_is_another = counts is PositionSource.EXIF and disagreement.horizontal_m > 0
     if drone is None or (exif_is_another and math.isfinite(exif.position_error_m)):
-        sigma, sigma_evidence = _estimate_exif_sigma(exif)
+        sigma, sigma_evidence = estimate_exif_sigma(exif)
     elif exif_is_another:  # the fix that XMP states the accuracy of is not that of EXIF
         sigma, sigma_evidence = SIGMA_DRONE, "no accuracy of its own, taken as that of a receiver without corrections"
     else:
-        sigma, sigma_evidence = _estimate_drone_sigma(drone)
-    sigma, warnings = _widen_sigma(sigma, exif, source)
+        sigma, sigma_evidence = estimate_drone_sigma(drone)
+    by_xmp = drone is not None and math.isfinite(drone.absolute_altitude_m)
+    if counts is PositionSource.EXIF and math.isfinite(exif.altitude_m):
+        by_xmp = False
+    step_deg, height_step_m = exif.position_step_deg, exif.altitude_step_m
+    if drone is not None:
+        step_deg = drone.position_step_deg if source is PositionSource.XMP else step_deg
+        height_step_m = drone.altitude_step_m if by_xmp else height_step_m
+    sigma, warnings = widen_by_steps(sigma, METRES_PER_DEGREE * step_deg, height_step_m)
+    sigma, warnings_of_fix = widen_by_fix(sigma, exif, source)
+    warnings += warnings_of_fix
     if counts is None:
         sigma = PositionSigma(
             horizontal_m=max(sigma.horizontal_m, disagreement.horizontal_m),
@@ -297,9 +237,6 @@ def _build_prior(
     lon_deg, lat_deg = exif.lon_deg, exif.lat_deg
     if drone is not None and source is PositionSource.XMP:
         lon_deg, lat_deg = drone.lon_deg, drone.lat_deg
-    by_xmp = drone is not None and math.isfinite(drone.absolute_altitude_m)
-    if counts is PositionSource.EXIF and math.isfinite(exif.altitude_m):
-        by_xmp = False
     height_m = drone.absolute_altitude_m if drone is not None and by_xmp else exif.altitude_m
     height_source = f"XMP {drone.altitude_type}".strip() if drone is not None and by_xmp else "EXIF"
     # The fix that XMP speaks of is not that of another height.

@@ -10,6 +10,7 @@ from datetime import datetime
 from facadelake.core.arrays import Float64N, Float64Nx2
 from facadelake.photos.attitude_prior import AttitudePrior, apply_dji_pitch, derive_attitude_prior, is_dji_pitch
 from facadelake.photos.clock import ClockReading, check_clocks, is_clock_set, seconds_from_time
+from facadelake.photos.contradictions import resolve_contradictions
 from facadelake.photos.drone_xmp import DroneMetadata
 from facadelake.photos.exif import ExifMetadata
 from facadelake.photos.flights import LONGEST_GAP_S, Exposure, assign_flights
@@ -89,13 +90,20 @@ def derive_priors(
     Returns:
         The priors of each photograph.
     """
-    photos = _unify_position_steps(photos)
+    photos = _unify_steps(photos)
     resolved = resolve_hemispheres(
         [photo.exif for photo in photos], [photo.drone for photo in photos], distance_to_model_m
     )
     photos = [
         replace(photo, exif=hemispheres.exif, warnings=(*photo.warnings, *hemispheres.warnings))
         for photo, hemispheres in zip(photos, resolved, strict=True)
+    ]
+    statements = resolve_contradictions(
+        [photo.exif for photo in photos], [photo.drone for photo in photos], distance_to_model_m, counts
+    )
+    photos = [
+        replace(photo, exif=stated.exif, drone=stated.drone, warnings=(*photo.warnings, *stated.warnings))
+        for photo, stated in zip(photos, statements, strict=True)
     ]
     drones = _resolve_pitch_convention(photos)
     readings = [
@@ -195,16 +203,35 @@ def _build_exposure(photo: PhotoMetadata) -> Exposure:
     )
 
 
-def _unify_position_steps(photos: Sequence[PhotoMetadata]) -> list[PhotoMetadata]:
-    """Set each camera's resolution of positions to the finest found: fractions of a photograph may be reduced."""
-    steps: dict[str, list[float]] = {}
+def _unify_steps(photos: Sequence[PhotoMetadata]) -> list[PhotoMetadata]:
+    """Set each camera's resolutions of positions and heights to the finest found.
+
+    Fractions may be reduced, and trailing zeros left out, in some of its photographs.
+    """
+    finest: dict[tuple[str, str], float] = {}
     for photo in photos:
-        steps.setdefault(photo.camera, []).append(photo.exif.position_step_deg)
-    finest = {
-        camera: min((step for step in of_camera if math.isfinite(step)), default=math.nan)
-        for camera, of_camera in steps.items()
+        for name, step in _list_steps(photo).items():
+            if math.isfinite(step):
+                finest[photo.camera, name] = min(step, finest.get((photo.camera, name), math.inf))
+    out = []
+    for photo in photos:
+        steps = {name: finest.get((photo.camera, name), math.nan) for name in _list_steps(photo)}
+        exif = replace(photo.exif, position_step_deg=steps["exif"], altitude_step_m=steps["exif altitude"])
+        drone = photo.drone and replace(
+            photo.drone, position_step_deg=steps["xmp"], altitude_step_m=steps["xmp altitude"]
+        )
+        out.append(replace(photo, exif=exif, drone=drone))
+    return out
+
+
+def _list_steps(photo: PhotoMetadata) -> dict[str, float]:
+    drone, exif = photo.drone, photo.exif
+    return {
+        "exif": exif.position_step_deg,
+        "exif altitude": exif.altitude_step_m,
+        "xmp": drone.position_step_deg if drone else math.nan,
+        "xmp altitude": drone.altitude_step_m if drone else math.nan,
     }
-    return [replace(p, exif=replace(p.exif, position_step_deg=finest[p.camera])) for p in photos]
 
 
 def _resolve_pitch_convention(photos: Sequence[PhotoMetadata]) -> list[DroneMetadata | None]:

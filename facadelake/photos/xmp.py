@@ -10,6 +10,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from decimal import Decimal
 from xml.etree.ElementTree import Element, ParseError
 
 from defusedxml import DefusedXmlException
@@ -61,6 +62,21 @@ class XmpPacket:
                 self.warnings.append(warning)
         return math.nan
 
+    def get_sigma(self, namespace: str, name: str) -> float:
+        """The named property where it is an accuracy, a positive number; NaN, with a warning, for other values."""
+        text = self.get_text(namespace, name)
+        number = _parse_number(text)
+        if number > 0:
+            return number
+        if text:
+            self.warnings.append(f"XMP {name} '{text[:40]}' is no accuracy; taken as not stated")
+        return math.nan
+
+    def get_step(self, namespace: str, *names: str) -> float:
+        """Resolution as written of the number that ``get_number`` returns; NaN where there is none."""
+        texts = (self.get_text(namespace, name) for name in names)
+        return next((find_step(text) for text in texts if math.isfinite(_parse_number(text))), math.nan)
+
     def has_namespace(self, namespace: str) -> bool:
         """Whether there is any property of the namespace."""
         return any(key.startswith(f"{namespace}|") for key in self.properties)
@@ -73,6 +89,15 @@ def _parse_number(text: str) -> float:
     except (ValueError, ZeroDivisionError):
         return math.nan
     return number if math.isfinite(number) else math.nan
+
+
+def find_step(text: str) -> float:
+    """Resolution of a number as written: one unit of its last decimal, or of its denominator (``527/100``)."""
+    numerator, _, denominator = text.partition("/")
+    if denominator:
+        return abs(1 / float(denominator))
+    exponent = Decimal(numerator).as_tuple().exponent
+    return 10.0**exponent if isinstance(exponent, int) else math.nan
 
 
 def _split_tag(tag: str) -> tuple[str, str]:

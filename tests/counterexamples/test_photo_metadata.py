@@ -16,7 +16,7 @@ from tests.unit.photos.small_photographs import XMP, dms, photograph_with
 
 LAT, LON = 48.9405, 8.4078  # deg
 RTK = (
-    'drone-dji:GpsLatitude="+48.9405" drone-dji:GpsLongitude="+8.4078" drone-dji:AbsoluteAltitude="+180.00" '
+    'drone-dji:GpsLatitude="+48.94050000" drone-dji:GpsLongitude="+8.40780000" drone-dji:AbsoluteAltitude="+180.00" '
     'drone-dji:RtkFlag="50" drone-dji:RtkStdLon="0.010" drone-dji:RtkStdLat="0.011" drone-dji:RtkStdHgt="0.02"'
 )
 GPS: dict[int, Value] = {1: "N", 2: dms(LAT), 3: "E", 4: dms(LON), 5: b"\0", 6: IFDRational(18000, 100)}
@@ -84,7 +84,7 @@ def test_a_packet_of_which_nothing_is_left_is_told(tmp_path: Path) -> None:
 
 def test_a_value_that_damage_has_changed_is_not_used(tmp_path: Path) -> None:
     """4&8.9405 must not become 48.9405, nor 0.0<11 become 0.0."""
-    broken = RTK.replace("+48.9405", "+4&8.9405")
+    broken = RTK.replace("+48.94050000", "+4&8.9405")
     row = row_of(tmp_path, photograph_with(GPS, xmp=XMP.format(broken).encode()))
     assert row["prior_source"] == "exif"
     assert "XMP GpsLatitude '+4&8.9405' is not a number; not used" in row["prior_warnings"]
@@ -112,9 +112,9 @@ def test_positions_of_xmp_and_exif_that_disagree_beyond_their_sigmas(tmp_path: P
     }
     row = row_of(tmp_path, photograph_with(newer, xmp=XMP.format(RTK).encode()))
     assert row["prior_warnings"] == (
-        "the positions disagree by 3.34 m, beyond their sigmas (0.016 m): XMP lat 48.94050000, lon 8.40780000; "
+        "the positions disagree by 3.34 m, beyond their sigmas (0.017 m): XMP lat 48.94050000, lon 8.40780000; "
         f"EXIF lat 48.94053000, lon 8.40780000; {ASKED}; "
-        f"the heights disagree by 0.50 m, beyond their sigmas (0.038 m): XMP 180.00 m; EXIF 180.50 m; {ASKED}"
+        f"the heights disagree by 0.50 m, beyond their sigmas (0.048 m): XMP 180.00 m; EXIF 180.50 m; {ASKED}"
     )
     assert row["prior_sigma_horizontal_m"] == pytest.approx(3.34, rel=0, abs=0.01)  # m
     assert row["prior_sigma_vertical_m"] == pytest.approx(0.5, rel=0, abs=0.001)  # m

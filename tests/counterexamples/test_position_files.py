@@ -9,7 +9,7 @@ import pytest
 
 from facadelake.core.errors import InputDataError
 from facadelake.photos.ingest import ingest_photographs
-from facadelake.photos.position_prior import SIGMA_DRONE, SIGMA_RTK_FIXED
+from facadelake.photos.position_sigma import SIGMA_DRONE, SIGMA_RTK_FIXED
 from facadelake.photos.positions_file.matching import match_positions
 from facadelake.photos.positions_file.registered import list_position_remarks
 from facadelake.photos.positions_file.table import PositionFileFormat
@@ -112,7 +112,7 @@ def test_accuracy_that_is_not_stated_is_told(tmp_path: Path) -> None:
     assert fixed.sigma == SIGMA_RTK_FIXED
     assert math.isnan(fixed.height_m)
     coarse = read(tmp_path, PIX4D.replace("512345", "5").replace("812345", "8")).positions["a.jpg"]
-    assert coarse.warnings == ("ppk.csv gives positions in steps of 11 m",)
+    assert coarse.warnings == ("ppk.csv: the position is written in steps of 11 m",)
     assert coarse.sigma.horizontal_m == pytest.approx(11.132 / math.sqrt(12), rel=0, abs=0.001)  # m
 
 
@@ -139,7 +139,7 @@ def test_the_positions_of_the_file_are_those_of_the_photographs(tmp_path: Path) 
     root = tmp_path / "photographs"
     root.mkdir()
     rtk = (
-        'drone-dji:GpsLatitude="48.9405" drone-dji:GpsLongitude="8.4078" drone-dji:AbsoluteAltitude="180.00" '
+        'drone-dji:GpsLatitude="48.94050000" drone-dji:GpsLongitude="8.40780000" drone-dji:AbsoluteAltitude="180.00" '
         'drone-dji:RtkFlag="50" drone-dji:RtkStdLon="0.010" drone-dji:RtkStdLat="0.011" drone-dji:RtkStdHgt="0.02"'
     )
     for seed, name in enumerate(("a.jpg", "b.jpg")):
@@ -187,3 +187,99 @@ def test_the_inspection_warns_before_it_begins(tmp_path: Path) -> None:
     assert list_position_remarks(building, "2026-04") == (
         "ppk.csv: 1 photographs are not in it, whose own metadata are used: b.jpg",
     )
+
+
+PLAIN = "name,latitude,longitude,{heights}{sigmas}\na.jpg,48.940512345,8.407812345,{values}\n"
+HEIGHT = {"ellipsoidal height": "180.5123"}
+
+
+def text_with(heights: dict[str, str], sigmas: dict[str, str]) -> str:
+    """A file with these columns of heights and accuracies."""
+    return PLAIN.format(
+        heights=",".join(heights) + ",", sigmas=",".join(sigmas), values=",".join([*heights.values(), *sigmas.values()])
+    )
+
+
+@pytest.mark.parametrize(
+    ("names", "values"),
+    [
+        (("sigma_horizontal_mm", "sigma_vertical_mm"), ("11", "21")),
+        (("accuracy horz [cm]", "accuracy vert [cm]"), ("1.1", "2.1")),
+        (("sde_mm", "sdn_mm", "sdu(mm)"), ("9", "11", "21")),
+        (("sigma_horizontal", "sigma_vertical"), ("0.011", "0.021")),
+    ],
+)
+def test_accuracies_are_read_in_the_unit_of_their_column(
+    names: tuple[str, ...], values: tuple[str, ...], tmp_path: Path
+) -> None:
+    file = read(tmp_path, text_with(HEIGHT, dict(zip(names, values, strict=True))))
+    sigma = file.positions["a.jpg"].sigma
+    assert (sigma.horizontal_m, sigma.vertical_m) == pytest.approx((0.011, 0.021), rel=1e-12)
+    assert file.remarks == ()
+
+
+def test_accuracies_that_may_be_in_another_unit_are_told_or_refused(tmp_path: Path) -> None:
+    millimetres = {"sigma_horizontal": "11", "sigma_vertical": "21"}
+    file = read(tmp_path, text_with(HEIGHT, millimetres))
+    assert file.remarks == (
+        "ppk.csv: column 'sigma_vertical' states no unit, and its median is 21; taken as m, the accuracy of a receiver "
+        "without corrections; in mm this is 0.021 m, in cm 0.21 m: write the unit into its name, such as "
+        "'sigma_vertical_mm', 'sigma_vertical_cm' or 'sigma_vertical_m'",
+    )
+    for refused, limit in (
+        (text_with(HEIGHT, millimetres | {"Q": "1"}), "fixed solutions (Q 1) have less than 1 m"),
+        (text_with(HEIGHT, {"sigma_horizontal": "110", "sigma_vertical": "210"}), "limit 100 m"),
+    ):
+        with pytest.raises(InputDataError) as raised:
+            read(tmp_path, refused)
+        assert f"which is no accuracy in m ({limit}); in mm this is" in str(raised.value)
+    stated = text_with(HEIGHT, {"sigma_horizontal_m": "11", "sigma_vertical_m": "21"})
+    assert read(tmp_path, stated).remarks == ()
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-0.011", "0"])
+def test_an_accuracy_that_is_none_is_told_and_not_taken_as_that_of_rtk(value: str, tmp_path: Path) -> None:
+    prior = read(tmp_path, text_with(HEIGHT, {"sigma_horizontal_m": value, "sigma_vertical_m": "0.5"})).positions[
+        "a.jpg"
+    ]
+    assert (prior.sigma.horizontal_m, prior.sigma.vertical_m) == (3.0, 0.5)
+    assert f"ppk.csv: sigma_horizontal_m '{value}' is no accuracy; taken as not stated" in prior.warnings
+    fixed = text_with(HEIGHT, {"sigma_horizontal_m": "0.5", "sigma_vertical_m": value, "Q": "1"})
+    assert read(tmp_path, fixed).positions["a.jpg"].sigma.vertical_m == 0.5  # not the 4 cm of a fix
+
+
+@pytest.mark.parametrize("name", ["alt_msl", "Altitude MSL (m)", "orthometric_height_m", "AMSL"])
+def test_heights_above_sea_level_are_read_as_such(name: str, tmp_path: Path) -> None:
+    sigmas = {"sigma_horizontal_m": "0.011", "sigma_vertical_m": "0.021"}
+    file = read(tmp_path, text_with({name: "132.1234"}, sigmas))
+    prior = file.positions["a.jpg"]
+    assert (prior.height_m, prior.height_datum, file.remarks) == (132.1234, HeightDatum.ORTHOMETRIC, ())
+    both = read(tmp_path, text_with({name: "132.1234", "height": "180.5123"}, sigmas))
+    assert both.positions["a.jpg"].height_m == 132.1234
+    assert both.remarks == (f"ppk.csv: heights are those of column '{name}'; not used: height",)
+    stated = read(tmp_path, text_with({name: "132.1234"} | HEIGHT, sigmas))
+    assert (stated.positions["a.jpg"].height_m, stated.remarks) == (180.5123, ())
+
+
+def test_columns_of_letters_give_the_hemisphere_and_numbers_of_satellites_do_not(tmp_path: Path) -> None:
+    text = "name,lat,ns,lon,ew,sigma_horizontal_m,sigma_vertical_m\na.jpg,33.45123456,{},70.66123456,{},0.01,0.02\n"
+    prior = read(tmp_path, text.format("S", "W")).positions["a.jpg"]
+    assert (prior.lat_deg, prior.lon_deg) == (-33.45123456, -70.66123456)
+    satellites = read(tmp_path, text.replace(",ew", ",ratio").format("17", "99.9")).positions["a.jpg"]
+    assert (satellites.lat_deg, satellites.lon_deg) == (33.45123456, 70.66123456)
+
+
+def test_columns_that_may_be_heights_or_accuracies_are_told(tmp_path: Path) -> None:
+    file = read(tmp_path, text_with({"Hoehe_NHN": "132.1"}, {"m_accuracy_2drms": "0.011"}))
+    assert file.remarks == (
+        "ppk.csv: columns not recognised, and not used: Hoehe_NHN, m_accuracy_2drms; recognised are 'ellipsoidal "
+        "height', 'orthometric height', 'sigma_horizontal_m', 'sigma_vertical_m' and the like",
+    )
+    assert match_positions(file, ["a.jpg"]).remarks == file.remarks
+
+
+def test_decimals_of_the_height_enter_its_sigma(tmp_path: Path) -> None:
+    file = read(tmp_path, text_with({"height": "180"}, {"sigma_horizontal_m": "0.011", "sigma_vertical_m": "0.021"}))
+    prior = file.positions["a.jpg"]
+    assert prior.sigma.vertical_m == pytest.approx(math.hypot(0.021, 1 / math.sqrt(12)), rel=1e-12)
+    assert prior.warnings == ("ppk.csv: the height is written in steps of 1 m",)

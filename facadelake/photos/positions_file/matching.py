@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 from facadelake.core.errors import InputDataError
 from facadelake.core.photo_names import PhotoNames
-from facadelake.photos.position_prior import METRES_PER_DEGREE, PositionPrior
+from facadelake.photos.coordinate_mistakes import measure_apart_m, name_mistake
+from facadelake.photos.position_prior import PositionPrior
 from facadelake.photos.positions_file.table import PositionFile
 from schemas.vocabulary import HeightDatum, PositionSource
 
@@ -50,24 +51,25 @@ def match_positions(file: PositionFile, photo_ids: Sequence[str]) -> MatchedPosi
         )
         if entries
     ]
-    return MatchedPositions(by_photo=by_photo, remarks=tuple(remarks))
+    return MatchedPositions(by_photo=by_photo, remarks=(*file.remarks, *remarks))
 
 
 def compare_with_metadata(by_file: PositionPrior, by_metadata: PositionPrior) -> PositionPrior:
     """The position of a file, with a warning where that of the photograph's own metadata disagrees with it."""
     if by_metadata.source is PositionSource.NONE:
         return by_file
-    north = by_metadata.lat_deg - by_file.lat_deg
-    east = ((by_metadata.lon_deg - by_file.lon_deg + 180) % 360 - 180) * math.cos(math.radians(by_file.lat_deg))
-    apart_m = math.hypot(north, east) * METRES_PER_DEGREE
+    file_place, own_place = (by_file.lon_deg, by_file.lat_deg), (by_metadata.lon_deg, by_metadata.lat_deg)
+    apart_m = measure_apart_m(file_place, own_place)
     limit_m = _DISAGREE_SIGMAS * math.hypot(by_file.sigma.horizontal_m, by_metadata.sigma.horizontal_m)
     warnings = []
     source = by_metadata.source.upper()
     if apart_m > limit_m:
+        mistake = name_mistake(file_place, own_place)
         warnings.append(
             f"the position of the file (lat {by_file.lat_deg:.8f}, lon {by_file.lon_deg:.8f}) is {apart_m:.2f} m from "
             f"that of {source} (lat {by_metadata.lat_deg:.8f}, lon {by_metadata.lon_deg:.8f}), beyond three sigmas of "
-            f"their difference ({limit_m:.2g} m); the file is used, as the portfolio says"
+            f"their difference ({limit_m:.2g} m){f', as with {mistake}' if mistake else ''}; the file is used, as the "
+            "portfolio says"
         )
     same_datum = by_file.height_datum is by_metadata.height_datum is not HeightDatum.UNKNOWN
     apart_m = abs(by_file.height_m - by_metadata.height_m)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from facadelake.photos.files import explain_unsupported, find_photographs
-from facadelake.photos.position_prior import PositionSigma
+from facadelake.photos.position_sigma import PositionSigma
 from facadelake.photos.positions_file.matching import match_positions
 from facadelake.photos.positions_file.table import PositionFile, PositionFileFormat, read_position_file
 from facadelake.registry import Building

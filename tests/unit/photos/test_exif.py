@@ -12,7 +12,8 @@ from PIL.TiffImagePlugin import IFDRational
 from facadelake.photos.attitude_prior import derive_attitude_prior
 from facadelake.photos.drone_xmp import DroneMetadata
 from facadelake.photos.exif import ExifMetadata, read_exif
-from facadelake.photos.position_prior import PositionPrior, PositionSigma, derive_position_prior
+from facadelake.photos.position_prior import PositionPrior, derive_position_prior
+from facadelake.photos.position_sigma import PositionSigma
 
 Tags = dict[int, object]
 
@@ -133,7 +134,8 @@ def test_xmp_is_used_and_a_different_exif_value_is_warned_about() -> None:
     assert prior.warnings == (
         "the positions disagree by 249.60 m, beyond their sigmas (4.2 m): XMP lat -33.85670000, lon -70.66270000; "
         f"EXIF lat -33.85670000, lon -70.66000000; {asked}",
-        f"the heights disagree by 60.08 m, beyond their sigmas (7.1 m): XMP -30.04 m; EXIF 30.04 m; {asked}",
+        "the heights disagree by 60.08 m, beyond their sigmas (7.1 m), as with the sign changed: XMP -30.04 m; "
+        f"EXIF 30.04 m; {asked}",
     )
     assert prior.sigma.horizontal_m == pytest.approx(249.6, rel=0, abs=0.1)  # m
     assert prior.sigma.vertical_m == pytest.approx(60.1, rel=0, abs=0.1)  # m

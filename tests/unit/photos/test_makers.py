@@ -1,13 +1,15 @@
 """Packets in the form of each maker, converted to one convention."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
 from facadelake.photos.attitude_prior import apply_dji_pitch, derive_attitude_prior, is_dji_pitch
 from facadelake.photos.drone_xmp import DroneMetadata, parse_drone_metadata
 from facadelake.photos.exif import ExifMetadata
-from facadelake.photos.position_prior import PositionSigma, derive_position_prior
+from facadelake.photos.position_prior import derive_position_prior
+from facadelake.photos.position_sigma import PositionSigma
 from facadelake.photos.xmp import parse_packet
 
 RDF = '<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">'
@@ -113,8 +115,11 @@ def test_an_invalid_gps_status_of_dji_discards_the_position() -> None:
 @pytest.mark.parametrize("flag", [32, 34, 49])
 def test_all_flags_from_32_to_49_are_float(flag: int) -> None:
     prior = derive_position_prior(read(DJI_P1.replace('RtkFlag="16"', f'RtkFlag="{flag}"')), ExifMetadata())
-    assert prior.sigma == PositionSigma(horizontal_m=0.5, vertical_m=1.0)
+    assert prior.sigma == PositionSigma(horizontal_m=1.08331, vertical_m=2.54741)  # as stated: worse than assumed
     assert f"RtkFlag {flag} (float)" in prior.evidence
+    better = replace(read(DJI_P1), rtk_flag=flag, rtk_std_lon_m=0.1, rtk_std_lat_m=0.1, rtk_std_height_m=0.2)
+    prior = derive_position_prior(better, ExifMetadata())
+    assert prior.sigma == PositionSigma(horizontal_m=0.5, vertical_m=1.0)
 
 
 def test_autels_newer_firmware_writes_djis_tags() -> None:

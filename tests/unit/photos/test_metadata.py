@@ -6,13 +6,13 @@ import pytest
 
 from facadelake.photos.drone_xmp import DroneMetadata, parse_drone_metadata
 from facadelake.photos.exif import ExifMetadata
-from facadelake.photos.position_prior import (
+from facadelake.photos.position_prior import derive_position_prior
+from facadelake.photos.position_sigma import (
     SIGMA_DRONE,
     SIGMA_HANDHELD,
     SIGMA_RTK_FIXED,
     SIGMA_RTK_FLOAT,
     PositionSigma,
-    derive_position_prior,
 )
 from facadelake.photos.xmp import parse_packet
 from schemas.vocabulary import HeightDatum, PositionSource
@@ -56,7 +56,7 @@ def test_a_missing_broken_or_malicious_packet_has_no_metadata(packet: bytes) -> 
     assert parse_drone_metadata(parse_packet(packet)) is None
 
 
-PLACE = 'drone-dji:GpsLatitude="48.5" drone-dji:GpsLongitude="8.25" drone-dji:AbsoluteAltitude="200"'
+PLACE = 'drone-dji:GpsLatitude="48.50000000" drone-dji:GpsLongitude="8.25000000" drone-dji:AbsoluteAltitude="200.000"'
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.photos.plausibility import TimedPrior, check_priors
-from facadelake.photos.position_prior import PositionPrior, PositionSigma
+from facadelake.photos.position_prior import PositionPrior
+from facadelake.photos.position_sigma import PositionSigma
 from schemas.vocabulary import PositionSource
 
 LON, LAT = 8.4, 48.94

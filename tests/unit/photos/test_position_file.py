@@ -8,7 +8,7 @@ import pytest
 
 from facadelake.core.errors import InputDataError
 from facadelake.photos.ingest import ingest_photographs
-from facadelake.photos.position_prior import PositionSigma
+from facadelake.photos.position_sigma import PositionSigma
 from facadelake.photos.positions_file.table import PositionFile, PositionFileFormat, read_position_file
 from schemas.vocabulary import HeightDatum, PositionSource
 from tests.unit.photos.small_photographs import photograph
@@ -72,7 +72,7 @@ def test_a_file_without_header_needs_the_names_of_its_columns(tmp_path: Path) ->
 def test_exif_counts_where_the_portfolio_says_so(tmp_path: Path) -> None:
     """Positions of PPK in EXIF: with their own accuracy where it is stated, never with that of the fix in XMP."""
     rtk = (
-        'drone-dji:GpsLatitude="48.9405" drone-dji:GpsLongitude="8.4078" drone-dji:AbsoluteAltitude="180.00" '
+        'drone-dji:GpsLatitude="48.94050000" drone-dji:GpsLongitude="8.40780000" drone-dji:AbsoluteAltitude="180.00" '
         'drone-dji:RtkFlag="50" drone-dji:RtkStdLon="0.010" drone-dji:RtkStdLat="0.011" drone-dji:RtkStdHgt="0.02"'
     )
     (tmp_path / "a.jpg").write_bytes(photograph(lat=48.94053, lon=8.4078, xmp=rtk))
