@@ -44,7 +44,8 @@ from benchmarks.drawn_models import (
     write_step,
 )
 from facadelake.building.ifc.load import IfcModelSettings, load_ifc_building
-from facadelake.core.errors import FacadelakeError
+from facadelake.building.ifc.worker_process import read_ifc_building
+from facadelake.core.errors import FacadelakeError, ModelError
 
 _AREA_MARGIN_DEG = 2.0
 _PART = 300
@@ -142,60 +143,79 @@ def _tells_reading(remarks: str) -> bool:
     )  # fmt: skip
 
 
-def run_part(inputs: int, part: int, keep: Path | None) -> tuple[Counter[str], list[str]]:
-    """Judge the inputs of one part, in this process; outcomes by count, and the faults."""
-    outcomes: Counter[str] = Counter()
-    faults: list[str] = []
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "model.ifc"
+def run_part(inputs: int, part: int, skip: int, folder: Path) -> None:
+    """Judge the inputs of one part after the first ``skip``, in this process; print each finding as a line of JSON.
 
-        def take(s: Statements, text: str, is_damaged: bool) -> None:
-            path.write_bytes(text.encode("utf-8"))
-            finding = judge(s, path)
-            if is_damaged and finding.outcome != "traceback":  # the oracle does not know what the text states
-                refused = finding.outcome.startswith("refused")
-                finding = Finding(outcome=f"damaged, {'refused' if refused else 'accepted'}")
-            outcomes[finding.outcome] += 1
-            if finding.fault:
-                faults.append(f"{s.changes}: {finding.fault}")
-                if keep is not None:
-                    keep.mkdir(parents=True, exist_ok=True)
-                    (keep / f"{part}-{len(faults):04d}.ifc").write_bytes(text.encode("utf-8"))
+    The input at work is ``part-number.ifc`` in ``folder``, where those that show a fault stay.
+    """
+    number = 0
 
-        common = settings(
-            max_examples=inputs, database=None, deadline=None, phases=[Phase.generate],
-            suppress_health_check=list(HealthCheck),
-        )  # fmt: skip
+    def take(s: Statements, text: str, is_damaged: bool) -> None:
+        path = folder / f"{part}-{number:04d}.ifc"
+        path.write_bytes(text.encode("utf-8"))
+        finding = judge(s, path)
+        if is_damaged and finding.outcome != "traceback":  # the oracle does not know what the text states
+            refused = finding.outcome.startswith("refused")
+            finding = Finding(outcome=f"damaged, {'refused' if refused else 'accepted'}")
+        if not finding.fault:
+            path.unlink()
+        print(json.dumps([finding.outcome, f"{s.changes}: {finding.fault}" if finding.fault else ""]), flush=True)
 
-        @seed(part)
-        @common
-        @given(st.data())
-        def judge_one(data: st.DataObject) -> None:
-            s = data.draw(draw_statements())
-            text = write_step(s)
-            is_damaged = data.draw(st.integers(0, 3)) == 0
-            take(s, data.draw(draw_damage(text)) if is_damaged else text, is_damaged)
+    common = settings(
+        max_examples=inputs, database=None, deadline=None, phases=[Phase.generate],
+        suppress_health_check=list(HealthCheck),
+    )  # fmt: skip
 
-        judge_one()
-    return outcomes, faults
+    @seed(part)
+    @common
+    @given(st.data())
+    def judge_one(data: st.DataObject) -> None:
+        nonlocal number
+        s = data.draw(draw_statements())
+        text = write_step(s)
+        is_damaged = data.draw(st.integers(0, 3)) == 0
+        text = data.draw(draw_damage(text)) if is_damaged else text
+        number += 1
+        if number > skip:
+            take(s, text, is_damaged)
+
+    judge_one()
 
 
-def run(inputs: int, keep: Path | None) -> tuple[Counter[str], list[str]]:
-    """Judge the inputs in processes of 300: the parser of ifcopenshell may end its process after many damaged files."""
+def run(inputs: int, folder: Path) -> tuple[Counter[str], list[str]]:
+    """Judge the inputs in processes of 300, which ifcopenshell's parser may crash: then the product must say so."""
     outcomes: Counter[str] = Counter()
     faults: list[str] = []
     for part in range(-(-inputs // _PART)):
-        size = min(_PART, inputs - part * _PART)
-        command = [sys.executable, "-m", "benchmarks.fuzz_models", "--inputs", str(size), "--part", str(part)]
-        done = subprocess.run(command + (["--keep", str(keep)] if keep else []), capture_output=True, text=True)
-        if done.returncode:
-            outcomes["process ended by the parser"] += 1
-            faults += [] if done.returncode < 0 else [done.stderr[-1000:]]
-            continue
-        found = json.loads(done.stdout.splitlines()[-1])
-        outcomes.update(found["outcomes"])
-        faults += found["faults"]
+        size, judged = min(_PART, inputs - part * _PART), 0
+        while judged < size:
+            command = [sys.executable, "-m", "benchmarks.fuzz_models", "--inputs", str(size), "--part", str(part)]
+            command += ["--skip", str(judged), "--keep", str(folder)]
+            done = subprocess.run(command, capture_output=True, text=True)
+            findings = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")]
+            outcomes.update(outcome for outcome, _ in findings)
+            faults += [fault for _, fault in findings if fault]
+            judged += len(findings)
+            if done.returncode > 0:
+                return outcomes, [*faults, done.stderr[-1000:]]
+            if done.returncode == 0:
+                break
+            judged += 1
+            finding = judge_crash(folder / f"{part}-{judged:04d}.ifc")
+            outcomes[finding.outcome] += 1
+            faults += [finding.fault] if finding.fault else []
     return outcomes, faults
+
+
+def judge_crash(path: Path) -> Finding:
+    """Read a file that ended its process as the product does: that must be an error which names the file."""
+    try:
+        read_ifc_building(path, settings=IfcModelSettings(workers=1))
+    except ModelError as error:
+        if str(path) in str(error):
+            return Finding(outcome="crashed the parser, refused")
+        return Finding(outcome="crashed the parser", fault=f"the message does not name the file: {error}")
+    return Finding(outcome="crashed the parser after other files, accepted alone")
 
 
 def main() -> None:
@@ -204,12 +224,15 @@ def main() -> None:
     parser.add_argument("--inputs", type=int, default=3000)
     parser.add_argument("--keep", type=Path, help="folder for the inputs that show a fault")
     parser.add_argument("--part", type=int, help="judge one part in this process, and print JSON")
+    parser.add_argument("--skip", type=int, default=0, help="inputs of the part that were judged before")
     arguments = parser.parse_args()
-    if arguments.part is not None:
-        outcomes, faults = run_part(arguments.inputs, arguments.part, arguments.keep)
-        print(json.dumps({"outcomes": outcomes, "faults": faults}))
-        return
-    outcomes, faults = run(arguments.inputs, arguments.keep)
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = arguments.keep or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        if arguments.part is not None:
+            run_part(arguments.inputs, arguments.part, arguments.skip, folder)
+            return
+        outcomes, faults = run(arguments.inputs, folder)
     print(f"{sum(outcomes.values())} inputs")
     for outcome, count in outcomes.most_common():
         print(f"  {count:6d}  {outcome}")

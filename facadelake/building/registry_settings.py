@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pyarrow as pa
 
-from facadelake.building.ifc.load import IfcModelSettings, load_ifc_building
+from facadelake.building.ifc.load import IfcModelSettings
+from facadelake.building.ifc.worker_process import read_ifc_building
 from facadelake.building.mesh.files import MeshAxes
 from facadelake.building.mesh.load import MeshModelSettings, check_mesh_against_photographs, load_mesh_building
 from facadelake.building.model import BuildingModel
@@ -22,7 +23,7 @@ def read_registered_model(building: Building) -> BuildingModel:
     path = building.locate_model()
     if building.surface_kind is SurfaceKind.MESH:
         return load_mesh_building(path, settings=mesh_settings_from_registry(building))
-    return load_ifc_building(path, settings=ifc_settings_from_registry(building))
+    return read_ifc_building(path, settings=ifc_settings_from_registry(building))
 
 
 def check_registered_mesh(building: Building, photos: pa.Table) -> None:

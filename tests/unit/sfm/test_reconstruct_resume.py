@@ -17,8 +17,8 @@ import pytest
 
 from facadelake.core.errors import FacadelakeError, InputDataError
 from facadelake.core.frames import estimate_similarity
+from facadelake.core.processes import parent as process_parent
 from facadelake.core.progress import listen_to_progress
-from facadelake.sfm import worker_process as runner
 from facadelake.sfm.reconstruction import read_descriptors, read_reconstruction
 from facadelake.sfm.reconstruction_job import reconstruct
 from facadelake.sfm.settings import ReconstructionSettings
@@ -129,7 +129,9 @@ def test_a_killed_reconstruction_is_resumed(photos: pa.Table, tmp_path: Path, mo
     def run(label: str, after: int, recorder: ProgressRecorder) -> None:
         worker = [sys.executable, "-c", WORKER]
         monkeypatch.setattr(
-            runner.subprocess, "Popen", lambda command, **how: real([*worker, command[-1], label, str(after)], **how)
+            process_parent.subprocess,
+            "Popen",
+            lambda command, **how: real([*worker, command[-1], label, str(after)], **how),
         )
         part = folder / "part"
         with listen_to_progress(recorder):

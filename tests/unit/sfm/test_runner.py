@@ -10,6 +10,7 @@ import pytest
 
 from facadelake.core.cache import DIAGNOSTICS
 from facadelake.core.errors import FacadelakeError, InputDataError
+from facadelake.core.processes import parent as process_parent
 from facadelake.core.progress import listen_to_progress
 from facadelake.sfm import worker_process as runner
 
@@ -50,7 +51,9 @@ def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     script.write_text(SCRIPT)
     real = subprocess.Popen
     monkeypatch.setattr(
-        runner.subprocess, "Popen", lambda command, **how: real([sys.executable, str(script), command[-1]], **how)
+        process_parent.subprocess,
+        "Popen",
+        lambda command, **how: real([sys.executable, str(script), command[-1]], **how),
     )
 
 
@@ -60,6 +63,7 @@ EVENTS = [
     {"event": "begin", "label": "Matching features", "total": 9},
     {"event": "advance", "steps": 2},
 ]
+REFUSED = {"event": "refused", "kind": "InputDataError", "text": "no overlap"}
 
 
 @pytest.mark.usefixtures("scripted")
@@ -70,14 +74,18 @@ def test_progress_reaches_the_listener_and_bars_end(tmp_path: Path) -> None:
     assert recorder.received == [
         ("Extracting features", 4), ("advance", 4), ("end", 1), ("Matching features", 9), ("advance", 2), ("end", 4),
     ]  # fmt: skip
-    assert "last words" in (tmp_path / "out" / DIAGNOSTICS / runner.LOG_NAME).read_text()
+    assert "last words" in process_parent.get_log_path(tmp_path / "out" / DIAGNOSTICS).read_text()
 
 
 @pytest.mark.usefixtures("scripted")
 @pytest.mark.parametrize(
     ("job", "kind", "message"),
     [
-        ({"events": [{"event": "refused", "text": "no overlap"}], "end": 2}, InputDataError, "^no overlap$"),
+        (
+            {"events": [{"event": "refused", "kind": "InputDataError", "text": "no overlap"}], "end": 2},
+            InputDataError,
+            "^no overlap$",
+        ),
         ({"events": [], "end": 3}, FacadelakeError, r"exited with status 3; .*\n.*last words"),
         ({"events": [], "end": "kill"}, FacadelakeError, r"signal SIGKILL .*out of memory.*\n.*last words"),
     ],
@@ -106,11 +114,12 @@ def test_the_worker_ends_with_its_parent(tmp_path: Path, end: signal.Signals) ->
     waiting.write_text(
         "import sys, pathlib, subprocess\n"
         "from facadelake.sfm import worker_process as runner\n"
+        "from facadelake.core.processes import parent as process_parent\n"
         "real = subprocess.Popen\n"
-        "code = ('import sys,time,os,facadelake.sfm.worker.__main__ as m; m._end_with_parent(int(sys.argv[1]));'\n"
+        "code = ('import sys,time,os,facadelake.core.processes.worker as m; m.end_with_parent(int(sys.argv[1]));'\n"
         "        'print(os.getpid(), file=open(sys.argv[2],\"w\")); time.sleep(60)')\n"
-        "runner.subprocess.Popen = lambda c, **k: real([sys.executable, '-c', code, str(__import__('os').getpid()), "
-        "sys.argv[2]], **k)\n"
+        "process_parent.subprocess.Popen = lambda c, **k: real([sys.executable, '-c', code, "
+        "str(__import__('os').getpid()), sys.argv[2]], **k)\n"
         "runner.run_worker({}, pathlib.Path(sys.argv[1]))\n"
     )
     pid_file = tmp_path / "pid"
