@@ -179,7 +179,7 @@ _ALL = [
     real("crs_operation_accuracy_m", "m", "its stated accuracy, not in the sigmas; empty: unknown, 0: one datum", 0),
     text("control_operation", "PROJ's operation from the CRS of the control to that of the model"),
     real("control_operation_accuracy_m", "m", "its stated accuracy; empty: unknown, 0: one datum", 0),
-    real("control_operation_sigma_m", "m", "the same in the sigmas, each axis: 25 m if unknown, 0 of a null one", 0),
+    real("control_operation_sigma_m", "m", "as in the sigmas, each axis: 25 m if unknown; null ones by gps alone", 0),
     text("reference_campaign", "the earlier campaign in whose frame this one was adjusted"),
     text("point_name", "name of the point, or the photograph"),
     text("point_kind", "role of the point in the adjustment", PointKind),

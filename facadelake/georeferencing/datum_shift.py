@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,8 @@ class DatumShift:
     """The operation from the CRS of the control to that of the model.
 
     ``sigma_m`` (3,: east, north, up): one sigma that it adds to every control point alike; zero in one datum.
-    ``convention_m``: stated accuracy of a null transformation (WGS 84 taken as ETRS89), which is not in ``sigma_m``.
+    ``convention_m``: stated accuracy of a null transformation (WGS 84 taken as ETRS89), which is not in ``sigma_m``
+    unless ``include_convention`` has put it there.
     """
 
     operation: PlacedOperation
@@ -30,6 +31,10 @@ class DatumShift:
     def covariance_m2(self) -> Float64x3x3:
         """Covariance (3, 3) of the common shift."""
         return np.diag(self.sigma_m**2)
+
+    def include_convention(self) -> DatumShift:
+        """The shift of positions that a receiver observed, for which a null transformation is no convention."""
+        return replace(self, sigma_m=np.hypot(self.sigma_m, self.convention_m))
 
     def describe(self) -> str:
         """The operation with its CRSs and accuracy in words."""
@@ -87,9 +92,14 @@ def describe_datum_shift(shift: DatumShift | None, sigma_m: Float64x3) -> str:
         )
     if shift is None or not (shift.sigma_m**2 > 0.5 * sigma_m**2).any():
         return ""
+    remedy = (
+        "where a service corrected the positions, name its datum with crs.gnss in the portfolio"
+        if shift.convention_m
+        else "control in the CRS of the model has none"
+    )
     return (
         f"the position's sigma of {sigma_m.max():.2g} m is mostly that of the transformation {shift.describe()}; "
-        "control in the CRS of the model has none"
+        f"{remedy}"
     )
 
 

@@ -95,9 +95,15 @@ def _georeference_by(
         _check_against_gps(placement, reconstruction, priors)
     initial_xyz_m = placement.site_from_sfm.apply(reconstruction.centres_sfm[priors.photo])
     # RTK positions in another realisation of WGS 84 must not compete with control in the model's datum.
-    convention_m = 0.0 if kind is ControlKind.GPS else priors.convention_m
+    by_gps = kind is ControlKind.GPS
     observations = ControlObservations(
-        positions=build_position_terms(priors, placement.gps_used, initial_xyz_m, convention_m=convention_m)
+        positions=build_position_terms(
+            priors,
+            placement.gps_used,
+            initial_xyz_m,
+            datum_sigma_m=np.zeros(3) if by_gps else priors.datum_sigma_m,
+            convention_m=0.0 if by_gps else priors.convention_m,
+        )
         if placement.datum_sigma_m is None
         else build_datum_terms(priors, placement.gps_used, initial_xyz_m, placement.datum_sigma_m),
         attitudes=build_attitude_terms(priors),

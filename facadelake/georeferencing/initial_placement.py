@@ -245,7 +245,8 @@ def _build_from_gps(reconstruction: Reconstruction, priors: GpsPriors) -> Initia
         points_used=int(aligned.used.sum()),
         points_total=len(priors.photo),
         compute_residual_m=compute_residual_m,
-        datum_shift=priors.datum_shift,
+        datum_shift=priors.observed_shift,
+        frame_covariance_m2=priors.observed_covariance_m2,
         remarks=(*aligned.remarks, "the error common to all GPS positions (metres) is not observable"),
     )
 

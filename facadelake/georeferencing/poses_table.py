@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +18,7 @@ from facadelake.core.pose_table import columns_from_camera
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.georeferenced_campaign import GeoreferencedCampaign
 from facadelake.georeferencing.gps.priors import ATTITUDE_SIGMA_DEG, rotation_from_attitude
-from facadelake.sfm import Reconstruction
+from facadelake.sfm import Reconstruction, group_by_camera
 from schemas.vocabulary import PhotoOutcome, PointKind, PoseSource, PositionSource
 
 _MIN_RESIDUALS = 3
@@ -43,9 +43,9 @@ def build_poses_table(
     localised = {photo.photo_id: photo for photo in reconstruction.photos}
     reason_of = {photo.photo_id: photo.reason for photo in reconstruction.unlocalised}
     rows: list[dict[str, Any]] = []
-    for row in photos.to_pylist():
-        if row["photo_outcome"] != PhotoOutcome.ACCEPTED:
-            continue
+    accepted = [row for row in photos.to_pylist() if row["photo_outcome"] == PhotoOutcome.ACCEPTED]
+    cameras = find_adjusted_cameras(accepted, campaign.cameras, reconstruction)
+    for row in accepted:
         photo_id = row["photo_id"]
         columns: dict[str, Any] = {
             "photo_id": photo_id,
@@ -63,7 +63,7 @@ def build_poses_table(
             rows.append(columns | pose)
             continue
         columns |= {"reason": reason_of.get(photo_id, "not part of the reconstruction"), "tie_points": 0}
-        prior = pose_from_prior(row, campaign, origin)
+        prior = pose_from_prior(row, campaign, cameras.get(photo_id) or _build_stated_camera(row), origin)
         if prior is None:
             rows.append(columns | {"pose_source": PoseSource.UNLOCALISED})
         else:
@@ -106,15 +106,25 @@ class PriorPose:
     covariance: Float64Array
 
 
-def pose_from_prior(row: Mapping[str, Any], campaign: GeoreferencedCampaign, origin: SiteOrigin) -> PriorPose | None:
-    """The pose that a row of table ``photos`` states, or None where it lacks position, height, attitude or lens.
+def pose_from_prior(
+    row: Mapping[str, Any], campaign: GeoreferencedCampaign, camera: Camera | None, origin: SiteOrigin
+) -> PriorPose | None:
+    """The pose that a row of table ``photos`` states.
 
     The median GPS residual of the block's photographs is subtracted, and their scatter is its sigma.
+
+    Args:
+        row: the row.
+        campaign: the georeferenced campaign.
+        camera: the photograph's camera; None where it is unknown.
+        origin: origin of the site frame.
+
+    Returns:
+        the pose, or None where the photograph lacks position, height, attitude or camera.
     """
     needed = ("prior_lon_deg", "prior_lat_deg", "prior_height_m", "prior_yaw_deg", "prior_pitch_deg", "prior_roll_deg")
     if row["prior_source"] == PositionSource.NONE or any(row[name] is None for name in needed):
         return None
-    camera = _find_camera(row, campaign)
     if camera is None:
         return None
     centre = origin.site_from_geo(np.array([[row["prior_lon_deg"], row["prior_lat_deg"], row["prior_height_m"]]]))[0]
@@ -137,13 +147,33 @@ def pose_from_prior(row: Mapping[str, Any], campaign: GeoreferencedCampaign, ori
     )
 
 
-def _find_camera(row: Mapping[str, Any], campaign: GeoreferencedCampaign) -> Camera | None:
-    """The adjusted camera of a photograph of the same size and similar focal length, else that of the metadata."""
+def find_adjusted_cameras(
+    rows: Sequence[dict[str, Any]], posed: Mapping[str, PosedCamera], reconstruction: Reconstruction
+) -> Mapping[str, Camera]:
+    """The adjusted camera of each photograph by photo_id, where photographs by its own camera are in the block.
+
+    Two lenses of one drone have the same size: photographs belong together as in the reconstruction, not by size.
+
+    Args:
+        rows: rows of table ``photos`` of the accepted photographs.
+        posed: the adjusted cameras of the block's photographs by photo_id.
+        reconstruction: the block.
+
+    Returns:
+        the cameras, without those that only photographs with a zoom that the metadata do not state have.
+    """
+    _, group_of = group_by_camera(list(rows))
+    groups = {row["photo_id"]: group for row, group in zip(rows, group_of, strict=True)}
+    adjusted: dict[int, Camera] = {}
+    for photo in reconstruction.photos:
+        if photo.focal_factor == 1.0 and photo.photo_id in groups:
+            adjusted.setdefault(groups[photo.photo_id], posed[photo.photo_id].camera)
+    return {photo_id: adjusted[group] for photo_id, group in groups.items() if group in adjusted}
+
+
+def _build_stated_camera(row: Mapping[str, Any]) -> Camera | None:
+    """The camera of the metadata, without distortion; None where they state no focal length."""
     width, height, focal = row["image_width_px"], row["image_height_px"], row["prior_focal_px"]
-    for other in campaign.cameras.values():
-        same_size = (other.camera.width_px, other.camera.height_px) == (width, height)
-        if same_size and (focal is None or abs(other.camera.fx_px / focal - 1) < 0.1):
-            return other.camera
     if focal is None:
         return None
     return Camera(width_px=width, height_px=height, fx_px=focal, fy_px=focal, cx_px=width / 2, cy_px=height / 2)

@@ -91,7 +91,7 @@ def widen_by_fix(
         vertical_m = max(vertical_m, _SIGMA_NOT_MEASURED_M)
         warnings.append("EXIF GPSMeasureMode is 2: the height is not measured")
     if exif.map_datum and not exif.map_datum.upper().replace(" ", "").replace("-", "").startswith("WGS84"):
-        warnings.append(f"EXIF GPSMapDatum is {exif.map_datum}; taken as WGS 84")
+        warnings.append(f"EXIF GPSMapDatum is {exif.map_datum}; taken as WGS 84 unless crs.gnss names it")
     return PositionSigma(horizontal_m=horizontal_m, vertical_m=vertical_m), tuple(warnings)
 
 

@@ -11,6 +11,12 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 from cronsim import CronSim, CronSimError
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from facadelake.registry.crs_values import (
+    check_gnss_crs,
+    check_map_crs,
+    check_one_vertical_datum,
+    check_vertical_datum,
+)
 from schemas.vocabulary import DefectClass
 
 
@@ -99,14 +105,14 @@ class BuildingCrs(StrictModel):
     the unit of length. ``map_unit`` is the unit of an IFC's map coordinates where its MapUnit is missing or wrong.
     """
 
-    map: str | None = None
-    vertical: str | None = None
+    map: Annotated[str, AfterValidator(check_map_crs)] | None = None
+    vertical: Annotated[str, AfterValidator(check_vertical_datum)] | None = None
     placement: PlacementSetting | None = None
     control: tuple[ControlPairSetting, ...] = ()
     accept_level: Literal[20, 40] | None = None
     map_unit: LengthUnitName | None = None
     accept_operation_accuracy_m: Annotated[float, Field(gt=0, le=100)] | None = None
-    gnss: str | None = None
+    gnss: Annotated[str, AfterValidator(check_gnss_crs)] | None = None
     offset_file: str | None = None
     axes: Literal["z-up", "y-up"] | None = None
     unit: LengthUnitName | None = None
@@ -116,6 +122,12 @@ class BuildingCrs(StrictModel):
     def _check_single_placement(self) -> Self:
         if self.placement and self.control:
             raise ValueError("both 'placement' and 'control' place the model; give one of them")
+        return self
+
+    @model_validator(mode="after")
+    def _check_single_vertical_datum(self) -> Self:
+        if self.map and self.vertical:
+            check_one_vertical_datum(self.map, self.vertical)
         return self
 
 
@@ -155,7 +167,9 @@ class PositionsSetting(StrictModel):
     source: Literal["xmp", "exif", "file"]
     file: str | None = None
     columns: tuple[str, ...] = ()
-    vertical: Annotated[str, Field(pattern=r"^(ellipsoidal|EPSG:\d+)$")] | None = None
+    vertical: (
+        Annotated[str, Field(pattern=r"^(ellipsoidal|EPSG:\d+)$"), AfterValidator(check_vertical_datum)] | None
+    ) = None
     sigma_horizontal_m: Annotated[float, Field(gt=0)] | None = None
     sigma_vertical_m: Annotated[float, Field(gt=0)] | None = None
 

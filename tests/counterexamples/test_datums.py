@@ -200,6 +200,53 @@ def test_positions_in_a_named_datum() -> None:
     assert FRAME.gnss_crs == GEO
 
 
+def georeference_by_gps(frame: SiteFrame, photos: pa.Table, limit_m: float = 60.0) -> GeoreferencedCampaign:
+    return georeference_reconstruction(
+        SCENE.build_reconstruction(),
+        photos,
+        site_frame=frame,
+        control=Control(kind=None, placement_sigma_max_m=limit_m),
+    )
+
+
+def test_positions_as_control_have_the_accuracy_of_a_null_transformation() -> None:
+    """RTK in WGS 84, a map in ETRS89: 1 m by EPSG, unless crs.gnss names the datum of the corrections."""
+    photos = build_photos(0, (0.4, 0.7))  # m: the noise that the scene's positions have
+    named = georeference_by_gps(replace(FRAME, gnss_crs="EPSG:4258"), photos)
+    observed = georeference_by_gps(FRAME, photos)
+    for axis in ("east", "north", "up"):
+        sigmas_m = [found.row[f"sigma_{axis}_m"] for found in (named, observed)]
+        assert sigmas_m[1] == pytest.approx(np.hypot(sigmas_m[0], 1.0), rel=0, abs=0.001)
+    assert (named.row["control_operation_sigma_m"], observed.row["control_operation_sigma_m"]) == (0.0, 1.0)
+    photo_id = next(iter(named.covariance))
+    added = observed.covariance[photo_id][:3, :3] - named.covariance[photo_id][:3, :3]
+    np.testing.assert_allclose(np.diag(added), 1.0, rtol=0, atol=0.01)  # m2
+    remedy = "where a service corrected the positions, name its datum with crs.gnss in the portfolio"
+    assert remedy in observed.row["remarks"]
+    assert remedy not in named.row["remarks"]
+
+
+def test_flights_do_not_average_what_they_share() -> None:
+    """The shift between two datums, and the height above an unknown surface, are the same for all flights."""
+    rows = build_photos(0, (0.4, 0.7)).to_pylist()
+    for k, row in enumerate(rows):
+        row["flight"] = 1 + k % 4
+    four = pa.Table.from_pylist(rows, schema=SCENE.build_photos().schema)
+    assert georeference_by_gps(FRAME, four).row["sigma_east_m"] > 1.0
+    unknown = build_photos(len(rows), (0.4, 0.7)).to_pylist()
+    for k, row in enumerate(unknown):
+        row["flight"] = 1 + k % 4
+    above = pa.Table.from_pylist(unknown, schema=SCENE.build_photos().schema)
+    assert georeference_by_gps(FRAME, above).row["sigma_up_m"] > 50.0
+
+
+def test_rtk_of_an_unnamed_datum_is_refused_with_the_key_that_names_it() -> None:
+    photos = build_photos(0, (0.4, 0.4))
+    with pytest.raises(GeoreferenceError) as raised:
+        georeference_by_gps(FRAME, photos, limit_m=0.5)
+    assert "name its datum with crs.gnss in the portfolio" in str(raised.value)
+
+
 @pytest.mark.skipif(not CASES.exists(), reason="needs the shared cases")
 def test_three_points_in_feet_are_where_the_same_point_is_in_metres() -> None:
     """G1 of cases/gcp, in US survey feet and in metres; read as metres, its height was 1,101 m too great."""

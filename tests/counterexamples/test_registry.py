@@ -214,3 +214,56 @@ def test_surveyed_points_that_are_not_there(tmp_path: Path) -> None:
         f"the portfolio names control points, but {at}/gcp.txt does not exist; the campaign is placed without them",
         f"the portfolio names check points, but {at}/check.txt does not exist; the campaign is placed without them",
     )
+
+
+@pytest.mark.parametrize(
+    ("crs", "message"),
+    [
+        (
+            "{map: EPSG:99999}",
+            "crs.map (id 'hall'): 'EPSG:99999': CRS 'EPSG:99999' is not known to PROJ; set crs.map in the portfolio to "
+            "an EPSG code such as EPSG:25832",
+        ),
+        (
+            "{map: EPSG:4326}",
+            "crs.map (id 'hall'): 'EPSG:4326': CRS 'EPSG:4326' (WGS 84) is not a projected CRS",
+        ),
+        (
+            "{vertical: EPSG:25832}",
+            "crs.vertical (id 'hall'): 'EPSG:25832': EPSG:25832 (ETRS89 / UTM zone 32N) is not a vertical CRS",
+        ),
+        ("{vertical: sea level}", "crs.vertical (id 'hall'): 'sea level': PROJ knows no single vertical CRS named"),
+        (
+            "{gnss: ETRS98}",
+            "crs.gnss (id 'hall'): 'ETRS98': not known to PROJ; a geographic CRS such as EPSG:4258 (ETRS89) or "
+            "EPSG:6318 (NAD83(2011)) is expected",
+        ),
+        (
+            "{gnss: EPSG:25832}",
+            "crs.gnss (id 'hall'): 'EPSG:25832': ETRS89 / UTM zone 32N is not a geographic CRS; a geographic CRS",
+        ),
+        (
+            "{map: EPSG:25832+7837, vertical: ellipsoidal}",
+            "crs (id 'hall'): 'map' EPSG:25832+7837 has heights in EPSG:7837, 'vertical' is ellipsoidal; "
+            "give one of them",
+        ),
+    ],
+)
+def test_each_crs_is_checked_when_the_portfolio_is_read(crs: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(InputDataError) as raised:
+        hall(tmp_path, GOOD + f"    crs: {crs}\n")
+    assert f"buildings[0].{message}" in str(raised.value)
+
+
+def test_the_datum_of_a_positions_file_is_checked_when_the_portfolio_is_read(tmp_path: Path) -> None:
+    with pytest.raises(InputDataError) as raised:
+        hall(tmp_path, GOOD + '    positions: {file: ppk.csv, vertical: "EPSG:25832"}\n')
+    assert "positions.vertical (id 'hall'): 'EPSG:25832': EPSG:25832 (ETRS89 / UTM zone 32N) is not a" in str(
+        raised.value
+    )
+
+
+def test_crs_values_that_are_right_are_kept_as_written(tmp_path: Path) -> None:
+    good = "{map: EPSG:25832+7837, vertical: DHHN2016, gnss: EPSG:4258}"
+    crs = hall(tmp_path, GOOD + f"    crs: {good}\n").crs
+    assert (crs.map, crs.vertical, crs.gnss) == ("EPSG:25832+7837", "DHHN2016", "EPSG:4258")

@@ -20,7 +20,6 @@ from facadelake.building.mesh.readings import (
     require_reading_fits,
 )
 from facadelake.building.model import BuildingModel
-from facadelake.building.model_georeference.crs_parsing import parse_vertical_datum, split_crs
 from facadelake.building.model_georeference.map_placement import (
     REGISTRY_LEVEL,
     MapPlacement,
@@ -42,6 +41,7 @@ from facadelake.core.proj.crs import (
     name_area_of_use,
     promote_to_3d,
 )
+from facadelake.core.proj.crs_parsing import parse_vertical_datum, split_crs
 from facadelake.core.tables import table_from_rows
 from facadelake.registry import UNITS_M
 from schemas.vocabulary import SurfaceKind

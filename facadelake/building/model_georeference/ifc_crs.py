@@ -11,13 +11,13 @@ import ifcopenshell
 import pyproj
 from pyproj.exceptions import CRSError
 
-from facadelake.building.model_georeference.crs_parsing import (
+from facadelake.building.model_georeference.ifc_statements import find_crs_entity, read_property_set
+from facadelake.core.errors import GeoreferenceError
+from facadelake.core.proj.crs_parsing import (
     find_ellipsoidal_heights,
     parse_vertical_datum,
     split_crs,
 )
-from facadelake.building.model_georeference.ifc_statements import find_crs_entity, read_property_set
-from facadelake.core.errors import GeoreferenceError
 
 
 @dataclass(frozen=True, kw_only=True)

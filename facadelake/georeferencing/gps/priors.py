@@ -70,6 +70,20 @@ class GpsPriors:
         return 0.0 if self.datum_shift is None else self.datum_shift.convention_m
 
     @property
+    def observed_shift(self) -> DatumShift | None:
+        """The shift where the positions are the control: a null transformation has its stated accuracy."""
+        return None if self.datum_shift is None else self.datum_shift.include_convention()
+
+    @property
+    def observed_covariance_m2(self) -> Float64x3x3:
+        """Covariance (3, 3) of the datums where the positions are the control: all flights share its error."""
+        shift = self.observed_shift
+        covariance = np.zeros((3, 3)) if shift is None else shift.covariance_m2.copy()
+        if self.datum_unknown:
+            covariance[2, 2] += DATUM_SIGMA_M**2
+        return covariance
+
+    @property
     def datum_sigma_m(self) -> Float64x3:
         """One sigma (3,) of the shift to the model's datum, and of an unknown height datum."""
         sigma = np.zeros(3) if self.datum_shift is None else self.datum_shift.sigma_m.copy()

@@ -18,17 +18,24 @@ _TILT_SIGMA_DEG = 2.0
 
 
 def build_position_terms(
-    priors: GpsPriors, used: BoolArray, initial_xyz_m: Float64Nx3, *, convention_m: float = 0.0
+    priors: GpsPriors,
+    used: BoolArray,
+    initial_xyz_m: Float64Nx3,
+    *,
+    datum_sigma_m: Float64x3,
+    convention_m: float = 0.0,
 ) -> PositionTerms:
     """The ``used`` priors (n,) as observations.
 
     The noise is estimated from their scatter about the initial camera centres after each flight's common offset is
-    removed; the offset of a flight has the sigma of its priors.
+    removed; the offset of a flight has the sigma of its priors and that of the datum.
 
     Args:
         priors: the GPS priors.
         used: those (n,) that take part.
         initial_xyz_m: initial camera centres (n, 3) of their photographs, in site.
+        datum_sigma_m: one sigma (3,) of the datum of the positions beside better control; zero where the positions are
+            the control, whose common error no observation determines.
         convention_m: least sigma of an offset beside better control: accuracy at which WGS 84 is taken as the model's
             datum.
 
@@ -50,7 +57,7 @@ def build_position_terms(
         flight=priors.flight[used],
         xyz_site_m=priors.xyz_site_m[used],
         sigma_m=noise[used],
-        offset_sigma_m=np.maximum(np.hypot(offset, priors.datum_sigma_m), convention_m),
+        offset_sigma_m=np.maximum(np.hypot(offset, datum_sigma_m), convention_m),
     )
 
 
@@ -69,7 +76,7 @@ def build_datum_terms(
         positions less each flight's median offset from the initial placement, so that they constrain the block's shape
         and its datum within ``datum_sigma_m``.
     """
-    terms = build_position_terms(priors, used, initial_xyz_m)
+    terms = build_position_terms(priors, used, initial_xyz_m, datum_sigma_m=np.zeros(3))
     offset = np.array(
         [
             np.median((priors.xyz_site_m - initial_xyz_m)[used & (priors.flight == flight)], axis=0)

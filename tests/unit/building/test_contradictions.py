@@ -7,10 +7,10 @@ import pyproj
 import pytest
 
 from facadelake.building.ifc.load import IfcModelSettings, load_ifc_building
-from facadelake.building.model_georeference.crs_parsing import find_ellipsoidal_heights, parse_vertical_datum
 from facadelake.building.model_georeference.length_units import LengthUnit
 from facadelake.building.model_georeference.map_placement import MapPlacement
 from facadelake.core.errors import FacadelakeError, GeoreferenceError, ModelError
+from facadelake.core.proj.crs_parsing import find_ellipsoidal_heights, parse_vertical_datum
 from tests.unit.building.conftest import Box, Ifc
 from tests.unit.building.globe_by_hand import CONVERSION, CRS, ecef
 from tests.unit.building.test_georeference_levels import axes, context_of, edited, set_north, site_at

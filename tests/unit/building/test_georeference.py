@@ -8,10 +8,10 @@ import pytest
 
 from facadelake.building.ifc.load import IfcModelSettings, load_ifc_building
 from facadelake.building.model import read_building
-from facadelake.building.model_georeference.crs_parsing import parse_vertical_datum, split_crs
 from facadelake.building.model_georeference.map_placement import MapPlacement
 from facadelake.core.errors import GeoreferenceError, ModelError
 from facadelake.core.geodesy import SiteOrigin
+from facadelake.core.proj.crs_parsing import parse_vertical_datum, split_crs
 from tests.unit.building.conftest import Box, Ifc
 from tests.unit.building.globe_by_hand import CONVERSION, CRS, assert_same_places, corners_of, ecef, expected_geo
 
