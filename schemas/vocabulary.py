@@ -63,6 +63,7 @@ class PlacementStatement(StrEnum):
     CAMERA_HEIGHT = "camera_height"
     MODEL_IN_VIEW = "model_in_view"
     TIE_POINTS = "tie_points"
+    MESH_READING = "mesh_reading"
 
 
 class PlacementCheckOutcome(StrEnum):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from prefect import task
 
-from facadelake.building import read_building
+from facadelake.building import list_registered_readings, read_building
 from facadelake.core.hashing import hash_file
 from facadelake.core.proj.crs import GEO
 from facadelake.core.tables import read_table, write_table
@@ -67,6 +67,7 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
                     model_of_building,
                     [root / photo.photo_id for photo in reconstruction.photos],
                     tolerances.model_sigma_m,
+                    list_registered_readings(building, model_of_building.origin),
                 )
                 if model_of_building.has_surface
                 else None,

@@ -7,7 +7,12 @@ import pyarrow as pa
 from facadelake.building.ifc.load import IfcModelSettings
 from facadelake.building.ifc.worker_process import read_ifc_building
 from facadelake.building.mesh.files import MeshAxes
-from facadelake.building.mesh.load import MeshModelSettings, check_mesh_against_photographs, load_mesh_building
+from facadelake.building.mesh.load import MeshModelSettings, load_mesh_building
+from facadelake.building.mesh.other_readings import (
+    SurfaceReading,
+    check_mesh_against_photographs,
+    list_surface_readings,
+)
 from facadelake.building.model import BuildingModel
 from facadelake.building.model_georeference.control_pairs import ControlPair
 from facadelake.building.model_georeference.length_units import LengthUnit
@@ -33,6 +38,16 @@ def check_registered_mesh(building: Building, photos: pa.Table) -> None:
     """
     if building.surface_kind is SurfaceKind.MESH:
         check_mesh_against_photographs(building.locate_model(), photos, settings=mesh_settings_from_registry(building))
+
+
+def list_registered_readings(building: Building, origin: SiteOrigin) -> tuple[SurfaceReading, ...]:
+    """The surfaces of the building's mesh by all readings that the portfolio leaves open, the one taken first.
+
+    ``origin`` is that of the site frame. Empty for another kind of model, and where the portfolio states axis and unit.
+    """
+    if building.surface_kind is not SurfaceKind.MESH:
+        return ()
+    return list_surface_readings(building.locate_model(), origin, settings=mesh_settings_from_registry(building))
 
 
 def ifc_settings_from_registry(building: Building) -> IfcModelSettings:

@@ -19,12 +19,14 @@ from facadelake.georeferencing.available_control import Control
 from facadelake.georeferencing.control_ranking import rank_controls
 from facadelake.georeferencing.gcp.control_points import describe_doubtful_marks
 from facadelake.georeferencing.georeferenced_campaign import GeoreferencedCampaign, build_georeferenced_campaign
-from facadelake.georeferencing.gps.alignment import check_against_gps
+from facadelake.georeferencing.gps.alignment import align_to_gps, check_against_gps
 from facadelake.georeferencing.gps.priors import GpsPriors, collect_gps_priors
 from facadelake.georeferencing.gps.terms import build_attitude_terms, build_datum_terms, build_position_terms
 from facadelake.georeferencing.initial_placement import InitialPlacement, find_initial_placement
 from facadelake.georeferencing.model.lean import correct_lean, describe_lean, estimate_lean
 from facadelake.georeferencing.model.plumb_lines import estimate_vertical
+from facadelake.georeferencing.placement_checks import PlacementCheck
+from facadelake.georeferencing.reading_checks import MeshReadingError, check_reading
 from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.sfm import Reconstruction
 from schemas.vocabulary import ControlKind
@@ -68,12 +70,16 @@ def georeference_reconstruction(
         try:
             chosen = (f"chosen automatically: {kind}", *remarks)
             return _georeference_by(kind, reconstruction, priors, site_frame, control, chosen)
+        except MeshReadingError:
+            raise
         except GeoreferenceError as error:
             logger.warning("not placed by %s: %s", kind, error)
             remarks.append(f"not placed by {kind}: {error}")
     try:
         chosen = (f"chosen automatically: {kinds[-1]}", *remarks)
         return _georeference_by(kinds[-1], reconstruction, priors, site_frame, control, chosen)
+    except MeshReadingError:
+        raise
     except GeoreferenceError as error:
         raise GeoreferenceError("; ".join([str(error), *remarks])) from error
 
@@ -87,9 +93,15 @@ def _georeference_by(
     remarks: tuple[str, ...],
 ) -> GeoreferencedCampaign:
     """Initial placement, checks against GPS and the building, adjustment, and correction of a lean."""
+    readings = control.model.readings if control.model is not None else ()
+    reading_checks: tuple[PlacementCheck, ...] = ()
+    if kind is ControlKind.MODEL and readings:  # a mesh that was read wrongly cannot place the block
+        reading_checks = check_reading(reconstruction, align_to_gps(reconstruction, priors).site_from_sfm, readings)
     placement = find_initial_placement(
         kind, reconstruction, priors, site_frame=site_frame, control=control
     ).add_remarks(remarks)
+    if kind is not ControlKind.MODEL:
+        reading_checks = check_reading(reconstruction, placement.site_from_sfm, readings)
     _refuse_far_away(placement.site_from_sfm.apply(reconstruction.centres_sfm), kind, site_frame.origin)
     if kind is not ControlKind.GPS:
         _check_against_gps(placement, reconstruction, priors)
@@ -121,7 +133,14 @@ def _georeference_by(
             placement = placement.add_remarks((describe_lean(vertical, lean),))
         adjusted = correct_lean(adjusted, lean)
     return build_georeferenced_campaign(
-        reconstruction, priors, adjusted, placement=placement, lean=lean, site_frame=site_frame, control=control
+        reconstruction,
+        priors,
+        adjusted,
+        placement=placement,
+        lean=lean,
+        site_frame=site_frame,
+        control=control,
+        reading_checks=reading_checks,
     )
 
 

@@ -125,6 +125,7 @@ def build_georeferenced_campaign(
     lean: BlockLean | None,
     site_frame: SiteFrame,
     control: Control,
+    reading_checks: Sequence[PlacementCheck] = (),
 ) -> GeoreferencedCampaign:
     """The campaign with covariances, passport points and passport row.
 
@@ -136,6 +137,7 @@ def build_georeferenced_campaign(
         lean: the lean of a block placed by the model; its covariance is added.
         site_frame: the building's site frame.
         control: the control available, for its model and its limit.
+        reading_checks: the placement check of how a mesh was read.
 
     Returns:
         the campaign.
@@ -165,7 +167,7 @@ def build_georeferenced_campaign(
         held_out_m=held_out_m,
         remedy="; ".join(filter(None, [datum_remark, _REMEDY])),
     )
-    checks = check_block(priors, adjusted, sigma_m, points, control)
+    checks = (*check_block(priors, adjusted, sigma_m, points, control), *reading_checks)
     disagreements = require_agreement(
         checks,
         control=placement.kind,

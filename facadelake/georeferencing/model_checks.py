@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.core.arrays import BoolArray, Float64Nx3, Float64x3, RowIndices
+from facadelake.core.arrays import BoolArray, Float64Nx3, Float64x3, Int64Array, RowIndices
 from facadelake.core.camera import PosedCamera
 from facadelake.georeferencing.adjustment.point_to_plane import RaySurface, find_faces
 from facadelake.georeferencing.placement_checks import LIMIT_SIGMAS, PlacementCheck, compare_deviation
@@ -35,6 +35,7 @@ _SEARCH_HORIZONTAL_M = 16.0
 # A shift counts where it puts clearly more tie points onto the model than there are: walls alone leave heights open.
 _GAIN = 1.15
 _MIN_GAIN_POINTS = 30
+_RAYS_AT_ONCE = 100_000
 _SHARE_PER_METRE = 0.002  # of the tie points: of shifts with equal counts the shortest is taken
 
 
@@ -165,6 +166,11 @@ def check_tie_points(
     )
 
 
+def count_points_on_faces(xyz_site_m: Float64Nx3, origin_site_m: Float64Nx3, surface: RaySurface) -> int:
+    """The number of tie points (n, 3) within 0.5 m of the face that the ray from ``origin_site_m`` (n, 3) hits."""
+    return int(find_faces(xyz_site_m, origin_site_m, surface).match(_GATE_M).sum())
+
+
 def search_model_shift(
     xyz_site_m: Float64Nx3,
     origin_site_m: Float64Nx3,
@@ -196,20 +202,25 @@ def search_model_shift(
     if not len(xyz):
         return ModelShift(shift_site_m=np.zeros(3), matched=0, matched_shifted=0, matched_at_gps=0, compared=0)
 
-    def count(shift: Float64x3, gate_m: float, points: RowIndices | slice = slice(None)) -> int:
-        return int(find_faces(xyz[points] + shift, origin[points] + shift, surface).match(gate_m).sum())
+    def count(shifts: Float64Nx3, gate_m: float, points: RowIndices | slice = slice(None)) -> Int64Array:
+        moved, eyes = (shifts[:, None] + rows[points] for rows in (xyz, origin))
+        matched = find_faces(moved.reshape(-1, 3), eyes.reshape(-1, 3), surface).match(gate_m)
+        counts: Int64Array = matched.reshape(len(shifts), -1).sum(axis=1)
+        return counts
 
     def choose(shifts: Float64Nx3, gate_m: float, points: RowIndices | slice = slice(None)) -> Float64x3:
         size = len(xyz[points])
-        scores = [count(shift, gate_m, points) / size - _SHARE_PER_METRE * np.linalg.norm(shift) for shift in shifts]
+        parts = np.array_split(shifts, max(1, len(shifts) * size // _RAYS_AT_ONCE))
+        counts = np.concatenate([count(part, gate_m, points) for part in parts])
+        scores = counts / size - _SHARE_PER_METRE * np.linalg.norm(shifts, axis=1)
         best: Float64x3 = shifts[int(np.argmax(scores))]
         return best
 
     zero = np.zeros((1, 3))
-    matched = count(zero[0], _GATE_M)
+    matched = int(count(zero, _GATE_M)[0])
     starts = np.unique([np.zeros(3), gps_shift_site_m, gps_shift_site_m * [1.0, 1.0, 0.0]], axis=0)
     best = choose(np.vstack([start + _list_shifts(0.0, _SEARCH_UP_M, 1.0) for start in starts]), _COARSE_GATE_M)
-    if max(matched, count(best, _GATE_M)) < len(xyz) / 2:
+    if max(matched, count(best[None], _GATE_M)[0]) < len(xyz) / 2:
         few = np.arange(0, len(xyz), max(1, len(xyz) // _COARSE_POINTS))
         coarse = _list_shifts(_SEARCH_HORIZONTAL_M, _SEARCH_UP_M, _COARSE_STEP_M)
         best = choose(np.vstack([start + coarse for start in starts]), _COARSE_STEP_M, few)
@@ -219,8 +230,8 @@ def search_model_shift(
     return ModelShift(
         shift_site_m=best,
         matched=matched,
-        matched_shifted=count(best, _GATE_M),
-        matched_at_gps=count(gps_shift_site_m, _GATE_M),
+        matched_shifted=int(count(best[None], _GATE_M)[0]),
+        matched_at_gps=int(count(gps_shift_site_m[None], _GATE_M)[0]),
         compared=len(xyz),
     )
 

@@ -11,10 +11,10 @@ import pytest
 from facadelake.building.mesh.files import MeshAxes
 from facadelake.building.mesh.load import (
     MeshModelSettings,
-    check_mesh_against_photographs,
     load_mesh_building,
     place_building_without_model,
 )
+from facadelake.building.mesh.other_readings import check_mesh_against_photographs
 from facadelake.core.errors import FacadelakeError, GeoreferenceError, ModelError
 from tests.unit.building.test_mesh_readings import SETTINGS as PLACED
 from tests.unit.building.test_mesh_readings import flight, write_hall

@@ -19,7 +19,7 @@ _log = logging.getLogger(__name__)
 MESH_SUFFIXES = (".obj", ".ply", ".stl", ".glb", ".gltf")
 _MAX_SPACING_M = 0.001  # a coarser spacing of coordinates moves walls by as much as registration resolves
 _MIN_VERTICES = 100  # this many coordinates are not all representable in float32 by chance
-_MAX_SIZE_M = 5_000.0
+MAX_SIZE_M = 5_000.0
 _MIN_SIZE_M = 1.0
 _MAX_TRIANGLES = 20_000_000
 _MIN_TRIANGLE_M2 = 1e-10
@@ -164,9 +164,9 @@ def _detect_float32_spacing(vertices: Float64Nx3) -> float:
 
 def _check_size(path: Path, vertices: Float64Nx3, unit_m: float) -> None:
     size_m = float((vertices.max(axis=0) - vertices.min(axis=0)).max())
-    if not _MIN_SIZE_M <= size_m <= _MAX_SIZE_M:
+    if not _MIN_SIZE_M <= size_m <= MAX_SIZE_M:
         raise ModelError(
             f"{path.name} is {size_m:,.6g} m across with a unit of {unit_m} m (a building has {_MIN_SIZE_M:.0f} to "
-            f"{_MAX_SIZE_M:,.0f} m); set crs.unit in the portfolio ({', '.join(UNITS_M)}), or crop "
+            f"{MAX_SIZE_M:,.0f} m); set crs.unit in the portfolio ({', '.join(UNITS_M)}), or crop "
             "the mesh to the building"
         )

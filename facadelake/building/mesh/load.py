@@ -7,18 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 
 from facadelake.building.mesh.facade_planes import build_plane_elements, segment_facade_planes
 from facadelake.building.mesh.files import MeshAxes, MeshFile, read_mesh_file
 from facadelake.building.mesh.offset import MeshOffset, read_mesh_offset
-from facadelake.building.mesh.readings import (
-    MeshReading,
-    describe_reading,
-    list_other_readings,
-    read_photograph_rays,
-    require_reading_fits,
-)
+from facadelake.building.mesh.readings import MeshReading, describe_reading, list_other_readings
 from facadelake.building.model import BuildingModel
 from facadelake.building.model_georeference.map_placement import (
     REGISTRY_LEVEL,
@@ -81,11 +74,11 @@ def load_mesh_building(path: Path, *, settings: MeshModelSettings) -> BuildingMo
 
     Raises ModelError for a mesh that cannot be used, GeoreferenceError if its position is not stated or invalid.
     """
-    mesh, taken, georeference = _read_placed_mesh(path, settings)
+    mesh, taken, georeference = read_placed_mesh(path, settings)
     geo = _locate_mesh(path, georeference, mesh, taken, settings)
     require_possible_heights(georeference, np.array([mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)]))
     require_origin_near(settings.origin, geo)
-    building = _create_building(settings.origin or _round_origin(geo), georeference, settings)
+    building = _create_building(settings.origin or round_origin(geo), georeference, settings)
     return attach_surface(
         replace(building, surface_kind=SurfaceKind.MESH),
         building.origin.site_from_geo(georeference.geo_from_ifc(mesh.vertices_m)),
@@ -93,36 +86,11 @@ def load_mesh_building(path: Path, *, settings: MeshModelSettings) -> BuildingMo
     )
 
 
-def check_mesh_against_photographs(path: Path, photos: pa.Table, *, settings: MeshModelSettings) -> None:
-    """Check the upward axis and the unit with which a mesh was read, as far as the portfolio leaves them open.
+def read_placed_mesh(path: Path, settings: MeshModelSettings) -> tuple[MeshFile, MeshReading, ModelGeoreference]:
+    """The mesh, how it was read, and where it stands.
 
-    Args:
-        path: the mesh.
-        photos: table ``photos`` of the campaign.
-        settings: the portfolio's statements.
-
-    Raises:
-        GeoreferenceError: the photographs' positions and attitudes fit another reading, and do not fit this one.
+    Raises ModelError for a mesh that cannot be used, GeoreferenceError if its position is not stated.
     """
-    mesh, taken, georeference = _read_placed_mesh(path, settings)
-    others = list_other_readings(taken, axes=settings.axes, unit=settings.unit)
-    rays = read_photograph_rays(photos)
-    if not others or not len(rays.geo):
-        return
-    centre = (mesh.vertices_m.min(axis=0) + mesh.vertices_m.max(axis=0)) / 2
-    origin = settings.origin or _round_origin(georeference.geo_from_ifc(centre[None])[0])
-    require_reading_fits(
-        taken,
-        others,
-        mesh.vertices_m,
-        mesh.triangles,
-        lambda vertices_m: origin.site_from_geo(georeference.geo_from_ifc(vertices_m)),
-        replace(rays, geo=origin.site_from_geo(rays.geo)),
-    )
-
-
-def _read_placed_mesh(path: Path, settings: MeshModelSettings) -> tuple[MeshFile, MeshReading, ModelGeoreference]:
-    """The mesh, how it was read, and where it stands."""
     offset = read_mesh_offset(settings.offset_file) if settings.offset_file else None
     horizontal, vertical = _resolve_crs(settings, offset)
     unit = settings.unit or _DEFAULT_UNIT
@@ -170,7 +138,7 @@ def place_building_without_model(lon_lat_deg: Float64Nx2, *, settings: MeshModel
             "position is unknown; set crs.origin (lon_deg, lat_deg, height_ellipsoidal_m) in the portfolio"
         )
     # The height only keeps site coordinates small. GPS heights may differ by the geoid undulation and are not used.
-    origin = settings.origin or _round_origin(np.append(np.median(known, axis=0), 0.0))
+    origin = settings.origin or round_origin(np.append(np.median(known, axis=0), 0.0))
     with_crs = (
         settings if settings.map_crs else replace(settings, map_crs=utm_from_lon_lat(origin.lon_deg, origin.lat_deg))
     )
@@ -337,7 +305,7 @@ def _compute_storey_levels(building: BuildingModel, storeys: Sequence[StoreyElev
     return tuple(levels)
 
 
-def _round_origin(geo: Float64x3) -> SiteOrigin:
+def round_origin(geo: Float64x3) -> SiteOrigin:
     """Origin at ``geo`` (lon_deg, lat_deg, height_ellipsoidal_m), rounded so that small corrections do not move it."""
     lon, lat, height = (float(value) for value in geo)
     return SiteOrigin(lon_deg=round(lon, 3), lat_deg=round(lat, 3), height_ellipsoidal_m=round(height, -1))

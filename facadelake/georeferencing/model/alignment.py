@@ -100,7 +100,7 @@ def align_to_model(
         GeoreferenceError: fewer than 100 tie points meet the surface (the start is too far off, or the model is of
             another building), or the result contradicts GPS.
     """
-    points, cameras = _select_tie_points(reconstruction, seed)
+    points, cameras = select_tie_points(reconstruction, seed)
     centres = reconstruction.centres_sfm
     bounds = _compute_bounds(start, reconstruction, priors)
     pivot = np.median(start.apply(points), axis=0)
@@ -138,7 +138,7 @@ def align_to_model(
     )
 
 
-def _select_tie_points(reconstruction: Reconstruction, seed: int) -> tuple[Float64Nx3, Int64Array]:
+def select_tie_points(reconstruction: Reconstruction, seed: int) -> tuple[Float64Nx3, Int64Array]:
     """Tie points (n, 3) with three image points or more (a limited draw), and the nearest camera (n,) of each."""
     track_length = np.bincount(reconstruction.image_point_tie_point, minlength=len(reconstruction.xyz_sfm))
     chosen = np.flatnonzero(track_length >= 3)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from facadelake.building import BuildingModel
+from facadelake.building import BuildingModel, SurfaceReading
 from facadelake.building.surface import ModelEdges, Surface, extract_model_edges
 from facadelake.core.arrays import Float64N, Float64Nx3
 from facadelake.core.camera import PosedCamera
@@ -38,7 +38,8 @@ class ModelControl:
 
     ``sigma_m``: one sigma of the building's deviation from its model; ``ground_site_m``: the model's lowest level,
     where drones take off; ``highest_site_m``: its highest point; ``edges``: None where none are searched, as on a mesh
-    that was itself measured.
+    that was itself measured; ``readings``: the surfaces of a mesh whose axis or unit the portfolio leaves open, the one
+    taken first.
     """
 
     surface: RaySurface
@@ -46,10 +47,29 @@ class ModelControl:
     ground_site_m: float
     highest_site_m: float
     edges: ModelEdgeControl | None = None
+    readings: Sequence[SurfaceReading] = ()
 
 
-def build_model_control(building: BuildingModel, photographs: Sequence[Path], sigma_m: float) -> ModelControl:
-    """The control that ``building`` gives to the block of ``photographs`` (in the block's order)."""
+def build_model_control(
+    building: BuildingModel,
+    photographs: Sequence[Path],
+    sigma_m: float,
+    readings: Sequence[SurfaceReading] = (),
+) -> ModelControl:
+    """The control that a building gives to a block.
+
+    Args:
+        building: the building.
+        photographs: the files of the block's photographs, in its order.
+        sigma_m: one sigma of the building's deviation from its model.
+        readings: the surfaces of a mesh whose axis or unit the portfolio leaves open, the one taken first.
+
+    Returns:
+        the control.
+
+    Raises:
+        ModelError: the model has no surface.
+    """
     surface = Surface(building)
     measured = building.surface_kind is not SurfaceKind.IFC and len(building.triangles) > _MAX_DESIGNED_TRIANGLES
     return ModelControl(
@@ -58,6 +78,7 @@ def build_model_control(building: BuildingModel, photographs: Sequence[Path], si
         ground_site_m=float(building.vertices_site_m[:, 2].min()),
         highest_site_m=float(building.vertices_site_m[:, 2].max()),
         edges=None if measured else _build_edge_control(building, surface, photographs),
+        readings=readings,
     )
 
 

@@ -10,10 +10,10 @@ import pytest
 from facadelake.building.mesh.files import MeshAxes
 from facadelake.building.mesh.load import (
     MeshModelSettings,
-    check_mesh_against_photographs,
     load_mesh_building,
     place_building_without_model,
 )
+from facadelake.building.mesh.other_readings import check_mesh_against_photographs
 from facadelake.building.model_georeference.map_placement import MapPlacement, geo_from_map
 from facadelake.core.errors import GeoreferenceError, ModelError
 from facadelake.core.geodesy import SiteOrigin
