@@ -10,9 +10,9 @@ from pathlib import Path
 import duckdb
 import pyarrow as pa
 
-from facadelake.core.duckdb_engine import wrap_store_errors
 from facadelake.core.errors import SchemaError
 from facadelake.lake.connect import LOCK_TIMEOUT_S
+from facadelake.lake.damage import wrap_lake_errors
 from facadelake.lake.migrate import open_to_write
 from facadelake.lake.transaction import get_last_version, insert, make_version
 from schemas.tables import RUN_KEYS, TABLES
@@ -71,7 +71,7 @@ def commit_campaign(
     """
     run = _check_run(building_id, campaign_id, run_id, tables, inputs_sha256)
     doing = f"committing {building_id} {campaign_id} to the lake {lake}"
-    with open_to_write(lake, lock_timeout_s) as connection, wrap_store_errors(doing, _REMEDY):
+    with open_to_write(lake, lock_timeout_s) as connection, wrap_lake_errors(lake, doing, _REMEDY):
         known = _find_version_of_same_run(connection, run)
         if known is not None:
             logger.info("%s %s is in the lake already, version %d", building_id, campaign_id, known)

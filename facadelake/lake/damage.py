@@ -12,6 +12,7 @@ import duckdb
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from facadelake.core.duckdb_engine import wrap_store_errors
 from facadelake.core.errors import StoreError
 from facadelake.lake.connect import CATALOG, DATA
 
@@ -67,6 +68,23 @@ class DamagedFile:
 
 
 @contextmanager
+def wrap_lake_errors(lake: Path, operation: str, remedy: str, as_of: int | None = None) -> Iterator[None]:
+    """Raise errors of DuckDB, SQLite and the file system as StoreError; a damaged file of the lake is named.
+
+    Args:
+        lake: folder of the lake.
+        operation: what the block does, for the message.
+        remedy: what to do about other errors than a damaged file, for the message.
+        as_of: the version that is read; None: the newest.
+
+    Raises:
+        StoreError: an error inside the block.
+    """
+    with wrap_store_errors(operation, remedy), name_damaged_files(lake, as_of):
+        yield
+
+
+@contextmanager
 def name_damaged_files(lake: Path, as_of: int | None) -> Iterator[None]:
     """Raise StoreError for an error of DuckDB inside the block that a damaged file of the version causes.
 
@@ -77,9 +95,12 @@ def name_damaged_files(lake: Path, as_of: int | None) -> Iterator[None]:
     except _OF_THE_STATEMENT:
         raise
     except duckdb.Error as error:
-        damaged = find_damaged_files(lake, as_of)
+        try:
+            damaged = find_damaged_files(lake, as_of)
+        except sqlite3.Error:  # the catalog itself is locked or damaged
+            damaged = ()
         if not damaged:
-            raise
+            raise error
         raise StoreError(_describe(lake, damaged)) from error
 
 

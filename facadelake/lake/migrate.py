@@ -12,9 +12,9 @@ from pathlib import Path
 import duckdb
 
 from facadelake.core.checkout import locate_source
-from facadelake.core.duckdb_engine import wrap_store_errors
 from facadelake.core.errors import StoreError
 from facadelake.lake.connect import LOCK_TIMEOUT_S, hold_lock, open_catalog_to_write
+from facadelake.lake.damage import wrap_lake_errors
 from facadelake.lake.opening_script import write_opening_script
 from facadelake.lake.transaction import run_transaction
 
@@ -68,19 +68,19 @@ def refuse_newer(found: int, wanted: int) -> None:
         )
 
 
-def migrate(connection: duckdb.DuckDBPyConnection, folder: Path = MIGRATIONS) -> int:
-    """Bring the attached lake to the newest schema and return its version; hold the lake's lock.
+def migrate(connection: duckdb.DuckDBPyConnection, lake: Path, folder: Path = MIGRATIONS) -> int:
+    """Bring the attached ``lake`` to the newest schema and return its version; hold the lake's lock.
 
     Each migration is one transaction, so that a failure leaves the lake at the version before it.
     """
     steps = read_migrations(folder)
-    with wrap_store_errors("reading the lake's schema version", "check that the lake's files are whole"):
+    with wrap_lake_errors(lake, "reading the lake's schema version", "check that the lake's files are whole"):
         found = get_schema_version(connection)
     refuse_newer(found, len(steps))
     for step in steps[found:]:
         logger.info("lake migration %s", step.name)
         doing, remedy = f"migration {step.name} of the lake", "the lake stays as it was; check free space"
-        with wrap_store_errors(doing, remedy), run_transaction(connection):
+        with wrap_lake_errors(lake, doing, remedy), run_transaction(connection):
             connection.execute(LEDGER)
             connection.execute(step.sql)
             connection.execute("INSERT INTO migrations VALUES (?, ?, now())", [step.number, step.name])
@@ -91,6 +91,6 @@ def migrate(connection: duckdb.DuckDBPyConnection, folder: Path = MIGRATIONS) ->
 def open_to_write(lake: Path, lock_timeout_s: float = LOCK_TIMEOUT_S) -> Iterator[duckdb.DuckDBPyConnection]:
     """An exclusive connection to write the lake, created if it does not exist and migrated to the newest schema."""
     with hold_lock(lake, timeout_s=lock_timeout_s), open_catalog_to_write(lake) as connection:
-        migrate(connection)
+        migrate(connection, lake)
         yield connection
         write_opening_script(lake)

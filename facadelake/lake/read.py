@@ -15,7 +15,7 @@ from facadelake.core.errors import InputDataError, SchemaError, StoreError
 from facadelake.core.sql_files import read_statements
 from facadelake.core.sql_guard import require_plain_select
 from facadelake.lake.connect import DATA, open_to_read
-from facadelake.lake.damage import name_damaged_files
+from facadelake.lake.damage import name_damaged_files, wrap_lake_errors
 from facadelake.lake.migrate import get_schema_version, refuse_newer
 from schemas.column_type import Kind
 from schemas.tables import LAKE_TABLES, SCHEMA_VERSION
@@ -87,11 +87,8 @@ def read_tables(
     found = {}
     with open_to_read(lake, as_of=as_of) as connection:
         present_current_schema(connection, lake)
-        with (
-            wrap_store_errors(
-                f"reading {', '.join(names)} of the lake {lake}", "check that the lake's files are whole"
-            ),
-            name_damaged_files(lake, as_of),
+        with wrap_lake_errors(
+            lake, f"reading {', '.join(names)} of the lake {lake}", "check that the lake's files are whole", as_of
         ):
             connection.execute("BEGIN")  # one transaction sees one version
             for name in names:
@@ -111,7 +108,9 @@ def list_versions(lake: Path) -> pa.Table:
     regrading or a review made the version), regraded_by and reviewed_by (null where they did not); the oldest first."""
     with open_to_read(lake) as connection:
         present_current_schema(connection, lake)
-        with wrap_store_errors(f"reading the versions of the lake {lake}", "check that the lake's files are whole"):
+        with wrap_lake_errors(
+            lake, f"reading the versions of the lake {lake}", "check that the lake's files are whole"
+        ):
             view = next(view for view in read_statements(VIEWS) if view.name == "versions")
             rows = connection.execute(f"SELECT * FROM ({view.sql}) ORDER BY version, campaign_id").to_arrow_table()
     return rows.cast(

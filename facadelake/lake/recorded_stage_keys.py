@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from facadelake.core.duckdb_engine import wrap_store_errors
 from facadelake.lake.connect import has_lake, open_to_read
+from facadelake.lake.damage import wrap_lake_errors
 from facadelake.lake.migrate import get_schema_version
 
 # Column stage_keys of table runs came with this schema version.
@@ -36,7 +36,7 @@ def read_stage_keys(lake: Path) -> tuple[RunKeys, ...]:
         return ()
     with (
         open_to_read(lake) as connection,
-        wrap_store_errors(f"reading the runs of the lake {lake}", "check that the lake's files are whole"),
+        wrap_lake_errors(lake, f"reading the runs of the lake {lake}", "check that the lake's files are whole"),
     ):
         if get_schema_version(connection) < _SINCE_SCHEMA:
             return ()

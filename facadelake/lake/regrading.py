@@ -15,9 +15,9 @@ import duckdb
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from facadelake.core.duckdb_engine import wrap_store_errors
 from facadelake.core.errors import InputDataError
 from facadelake.lake.connect import LOCK_TIMEOUT_S
+from facadelake.lake.damage import wrap_lake_errors
 from facadelake.lake.migrate import open_to_write
 from facadelake.lake.read import read_table
 from facadelake.lake.transaction import get_last_version, make_version
@@ -95,7 +95,7 @@ def regrade(
         return expected
     with open_to_write(lake, lock_timeout_s) as connection:
         found, changed = _compare_grades(lake, building_id, campaign_id, rule_file)
-        with wrap_store_errors(f"regrading {building_id} in the lake {lake}", _REMEDY):
+        with wrap_lake_errors(lake, f"regrading {building_id} in the lake {lake}", _REMEDY):
             version = _write(connection, found, changed)
     logger.info("%s regraded by %s as version %d", building_id, found.rules, version)
     return Regrading(

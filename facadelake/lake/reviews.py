@@ -12,9 +12,9 @@ from pathlib import Path
 import duckdb
 import pyarrow as pa
 
-from facadelake.core.duckdb_engine import wrap_store_errors
 from facadelake.core.errors import InputDataError, SchemaError
 from facadelake.lake.connect import LOCK_TIMEOUT_S, has_lake
+from facadelake.lake.damage import wrap_lake_errors
 from facadelake.lake.migrate import open_to_write
 from facadelake.lake.read import read_tables
 from facadelake.lake.transaction import get_last_version, insert, make_version
@@ -68,7 +68,7 @@ def append_reviews(
         ids = [f"{building_id}-{campaign_id}-R{number:05d}" for number in range(first, first + len(new))]
         at = new.schema.get_field_index("review_id")
         new = new.set_column(at, new.schema.field(at), pa.array(ids, pa.string()))
-        with wrap_store_errors(f"writing reviews of {building_id} {campaign_id} to the lake {lake}", _REMEDY):
+        with wrap_lake_errors(lake, f"writing reviews of {building_id} {campaign_id} to the lake {lake}", _REMEDY):
             version = _write(connection, new, building_id, campaign_id)
     logger.info("%d reviews of %s %s added as version %d", len(new), building_id, campaign_id, version)
     return AppendResult(added=len(new), unchanged=len(reviews) - len(new), version=version)

@@ -78,7 +78,7 @@ def test_failing_migration_leaves_the_version_before(tmp_path: Path) -> None:
     lake.mkdir()
     with hold_lock(lake), open_catalog_to_write(lake) as connection:
         with pytest.raises(StoreError, match=r"migration \d+_bad of the lake failed"):
-            migrate(connection, steps)
+            migrate(connection, lake, steps)
         assert get_schema_version(connection) == SCHEMA_VERSION
         tables = {row[0] for row in connection.execute("SELECT table_name FROM duckdb_tables()").fetchall()}
     assert "defects" in tables
@@ -98,7 +98,7 @@ def test_migrated_lake_has_the_tables_of_the_schemas(tmp_path: Path) -> None:
         "WHERE database_name = ? AND table_name != 'migrations' ORDER BY table_name, column_index"
     )
     with hold_lock(tmp_path), open_catalog_to_write(tmp_path) as connection:
-        migrate(connection)
+        migrate(connection, tmp_path)
         made = connection.execute(query, ["lake"]).fetchall()
     plain = open_duckdb()
     for table in LAKE_TABLES.values():
