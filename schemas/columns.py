@@ -281,6 +281,7 @@ _ALL = [
         "smallest mean width measurable in the photographs: upper bound of the width where the outcome is below_limit",
         0,
     ),
+    real("crack_width_blur_mm", "mm", "unknown blur in crack_width_mm, which may be overstated by it; in its sigma", 0),
     real("crack_length_m", "m", "length of the crack on the surface, along its main line", 0),
     Column(name="patch", kind=Kind.GEOMETRY, unit=GEO_CRS, meaning="outline on the surface (3D polygon)"),
     Column(name="covariance_site", kind=Kind.REALS, meaning="covariance of the position (m2, site), 3 x 3 row by row"),
@@ -313,11 +314,11 @@ _ALL = [
     count("photo_count", "photographs that show the defect", 1),
     real("spread_m", "m", "largest distance of an observation from the defect's position", 0),
     text("best_photo_id", "photograph with the best view of the defect (smallest GSD over cosine of incidence)"),
-    text(
-        "best_photo_uri", "path of the photograph best_photo_id: campaigns.photographs_uri, a slash, and best_photo_id"
-    ),
+    text("best_photo_uri", "path of that photograph: campaigns.photographs_uri, a slash, and best_photo_id"),
     text("severity", "grade by severity_rule; a proposal, not a person's judgement"),
     text("severity_rule", "rule pack and its version"),
+    text("severity_low", "least severe grade by severity_rule within two sigmas of the crack width"),
+    text("severity_high", "most severe grade by severity_rule within two sigmas of the crack width"),
     Column(name="geometry", kind=Kind.GEOMETRY, meaning="position (point) or footprint (polygon)", unit=GEO_CRS),
     # integrity
     text("integrity_outcome", "whether the view could be compared", IntegrityOutcome),

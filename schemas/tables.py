@@ -180,7 +180,7 @@ _LIST = [
         "width_m height_m length_m? area_m2 crack_width_mm? crack_width_max_mm? crack_width_sigma_mm? "
         "crack_width_limit_mm? crack_length_m? crack_width_outcome? spread_m photo_count score best_photo_id "
         "element_guid ifc_class element_name? material? storey? facade patch? geometry facade_azimuth_deg? "
-        "captured_from? captured_to? best_photo_uri?",
+        "captured_from? captured_to? best_photo_uri? severity_low? severity_high? crack_width_blur_mm?",
         may_be_empty=True,
     ),
     _table(

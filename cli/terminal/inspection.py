@@ -13,7 +13,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
 
+from facadelake.deduplication import describe_width_blur
 from facadelake.lake import read_table
+from facadelake.severity import describe_severity
 from schemas.vocabulary import ControlKind, PlacementCheckOutcome, PoseSource
 
 if TYPE_CHECKING:
@@ -74,6 +76,12 @@ def show_inspection(console: Console, lake: Path, result: InspectionResult) -> N
     table.add_row("  by storey", _count_values([row["storey"] for row in defects]))
     table.add_row("  by facade", _count_values([row["facade"] for row in defects]))
     table.add_row("  by severity", _count_values([row["severity"] for row in defects]))
+    uncertain = Counter(text for row in defects if (text := describe_severity(row)) != row["severity"])
+    if uncertain:
+        table.add_row("  uncertain", _count_values(list(uncertain.elements())))
+    overstated = describe_width_blur([row["crack_width_blur_mm"] for row in defects])
+    if overstated:
+        table.add_row("[yellow]warning[/yellow]", overstated)
     if views:
         table.add_row(
             "model check", f"SSIM of as-built and model depth: mean {sum(views) / len(views):.2f} in {len(views)} views"

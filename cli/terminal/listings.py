@@ -14,6 +14,7 @@ from facadelake.core.errors import InputDataError, suggest_name
 from facadelake.core.tables import list_rows
 from facadelake.lake import Regrading, answer_question, has_lake, read_table
 from facadelake.registry import Portfolio, read_portfolio
+from facadelake.severity import describe_severity
 from schemas.vocabulary import CrackWidthOutcome, DefectClass
 
 WIDE_COLUMNS = 120  # a narrower terminal shows no coordinates; 'facadelake sql' and 'export' have them
@@ -75,7 +76,8 @@ def _format_crack_width(row: Mapping[str, Any]) -> str:
     """The mean width of a crack, or its upper bound; empty where neither is known."""
     width, limit = row["crack_width_mm"], row["crack_width_limit_mm"]
     if width is not None:
-        return f"{width:.1f}"
+        sigma = row["crack_width_sigma_mm"]
+        return f"{width:.1f}" if sigma is None else f"{width:.1f} ± {sigma:.1f}"
     return f"< {limit:.1f}" if row["crack_width_outcome"] == CrackWidthOutcome.BELOW_LIMIT and limit is not None else ""
 
 
@@ -114,7 +116,7 @@ def show_defects(
         table.add_column("element")
         table.add_column("lon, lat, ellipsoidal height", no_wrap=True)
     for row in chosen[:limit]:
-        cells = [row["defect_id"], row["defect_class"], row["severity"], row["facade"], row["storey"] or ""]
+        cells = [row["defect_id"], row["defect_class"], describe_severity(row), row["facade"], row["storey"] or ""]
         cells += [f"{row['width_m'] * 100:.0f} x {row['height_m'] * 100:.0f}", str(row["photo_count"])]
         if wide:
             cells.append(_format_crack_width(row))

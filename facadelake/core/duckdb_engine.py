@@ -17,6 +17,7 @@ from facadelake.core.errors import StoreError
 
 # Raised by DuckDB for a statement that it cannot execute.
 SqlError = duckdb.Error
+Connection = duckdb.DuckDBPyConnection
 
 
 @cache

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,6 @@ from facadelake.deduplication.group_statistics import compute_weighted_medians
 from facadelake.deduplication.observations import read_column
 from schemas.vocabulary import CrackWidthOutcome
 
-_log = logging.getLogger(__name__)
 # A measured width this far above the resolution limit of a better photograph is the blur of a coarse one.
 _BLUR_SIGMAS = 2.0
 _SIGNIFICANT_SIGMAS = 3.0
@@ -25,14 +24,15 @@ _OUTCOMES = tuple(str(outcome) for outcome in CrackWidthOutcome)  # the best fir
 class CrackWidthEstimate:
     """Widths of g groups in mm, NaN where there is none.
 
-    ``width_mm``, ``width_max_mm``, one sigma ``sigma_mm`` and resolution limit ``limit_mm`` (g,); ``outcome`` (g,)
-    text.
+    ``width_mm``, ``width_max_mm``, one sigma ``sigma_mm`` and resolution limit ``limit_mm`` (g,); ``blur_mm`` (g,) is
+    the part of the sigma by which the width may be overstated; ``outcome`` (g,) text.
     """
 
     width_mm: Float64N
     width_max_mm: Float64N
     sigma_mm: Float64N
     limit_mm: Float64N
+    blur_mm: Float64N
     outcome: pa.Array
 
 
@@ -73,12 +73,6 @@ def estimate_crack_widths(
     np.minimum.at(best_rank, group, rank)
     gsd_mm = read_column(registered_rows, "gsd_mm")
     blur_px = estimate_unknown_blur(group[measured], width[measured], sigma[measured], gsd_mm[measured])
-    if blur_px > 0:
-        _log.warning(
-            "crack widths grow with the size of the pixels by %.1f px: blur that the photographs do not tell is "
-            "measured as width (a soft rim, sharpening, a steep tone curve); it is added to the errors of all widths",
-            blur_px,
-        )
     combined_weight = np.where(measured, 1 / np.maximum(np.where(measured, sigma, 1.0), 1e-6) ** 2, weight)
     used = np.where(best_rank[group] == rank, stated | measured, False)
     used_width = np.where(used, width, np.nan)
@@ -96,7 +90,20 @@ def estimate_crack_widths(
         limit_mm=np.where(
             best_rank == _OUTCOMES.index(CrackWidthOutcome.BELOW_LIMIT), bound, _compute_minima(group, limit, groups)
         ),
+        blur_mm=_compute_minima(group, np.where(used & measured & (blur_px > 0), blur_px * gsd_mm, np.nan), groups),
         outcome=pa.array([*_OUTCOMES, None], pa.string()).take(pa.array(best_rank)),
+    )
+
+
+def describe_width_blur(blur_mm: Sequence[float | None]) -> str:
+    """Warning where widths may be overstated, from column ``crack_width_blur_mm``; empty where none is."""
+    known = [value for value in blur_mm if value is not None]
+    if not known:
+        return ""
+    return (
+        f"the widths of {len(known)} cracks may be overstated, by about {min(known):.0f} to {max(known):.0f} mm: they "
+        "grow with the size of the pixels, so blur that the photographs do not tell (a soft rim, sharpening, a steep "
+        "tone curve) is measured as width; it is in their sigmas: photograph the cracks from nearer to measure them"
     )
 
 

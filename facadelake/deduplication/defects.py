@@ -81,6 +81,7 @@ def build_defects_table(
         "crack_width_max_mm": crack_width.width_max_mm,
         "crack_width_sigma_mm": crack_width.sigma_mm,
         "crack_width_limit_mm": crack_width.limit_mm,
+        "crack_width_blur_mm": crack_width.blur_mm,
     }
     distance = np.linalg.norm(observations.xyz_site_m - positions.xyz_site_m[group], axis=1)
     values: dict[str, Float64Array | pa.Array | RowIndices] = {

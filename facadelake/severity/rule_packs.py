@@ -7,22 +7,26 @@ first. A changed pack is a new file with the next version.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from facadelake.core.checkout import locate_source
-from facadelake.core.duckdb_engine import SqlError, open_duckdb
+from facadelake.core.duckdb_engine import Connection, SqlError, open_duckdb
 from facadelake.core.errors import InputDataError, SchemaError, suggest_name
 from facadelake.core.sql_files import read_statement_file
 from facadelake.core.sql_guard import require_plain_select
 from schemas.tables import TABLES
 
 RULE_FOLDER = locate_source("data/severity")
-GRADE_COLUMNS = ("severity", "severity_rule", "graded_by")
+GRADE_COLUMNS = ("severity", "severity_rule", "graded_by", "severity_low", "severity_high")
 GRADED_BY_RULES = "rules"  # value of graded_by for a proposal by rules; a person's grade has the person's name
+_RANGE_SIGMAS = 2.0  # of the crack width, to either side, within which the severity may be another one
 _SEVERITIES = re.compile(r"^-- severities: (.+)$", re.MULTILINE)
 _NAME = re.compile(r"[a-z][a-z0-9_]*_v[0-9]+")
 
@@ -73,11 +77,15 @@ def read_rule_pack(name: str, folder: Path = RULE_FOLDER) -> RulePack:
 
 
 def grade_defects(defects: pa.Table, rule_file: Path) -> pa.Table:
-    """The defects with ``severity``, ``severity_rule`` (the file's name) and ``graded_by`` from the rule pack.
+    """The defects with the grade columns: ``severity``, ``severity_rule`` (the file's name), ``graded_by`` and a range.
 
-    These columns may be absent or filled before; the rule does not see them. The other columns keep their order. Raises
-    InputDataError for a rule that is not a plain SELECT over ``defects``; SchemaError where it leaves a defect without
-    a severity, grades one twice or one that does not exist, or returns a severity that its header does not list.
+    ``severity_low`` and ``severity_high`` are the least and the most severe grade that the rule gives for the crack
+    width and for that width less and more two sigmas. The grade columns may be absent or filled before; the rule does
+    not see them. The other columns keep their order.
+
+    Raises InputDataError for a rule that is not a plain SELECT over ``defects``; SchemaError where it leaves a defect
+    without a severity, grades one twice or one that does not exist, or returns a severity that its header does not
+    list.
     """
     try:
         rule = rule_file.read_text("utf-8")
@@ -85,17 +93,61 @@ def grade_defects(defects: pa.Table, rule_file: Path) -> pa.Table:
         raise InputDataError(f"the severity rule {rule_file} cannot be read: {error}") from error
     severities = _parse_severities(rule, rule_file.name)
     ungraded = defects.drop_columns([name for name in GRADE_COLUMNS if name in defects.column_names])
+    name = rule_file.stem
     with closing(open_duckdb()) as connection:
         require_plain_select(connection, rule, frozenset({"defects"}))
-        connection.register("defects", ungraded)
         connection.execute("SET enable_external_access = false")
         try:
-            graded = connection.execute(
-                f"SELECT defect_id, severity FROM ({rule.rstrip().rstrip(';')}\n)"
-            ).to_arrow_table()
+            grades = [
+                _grade(connection, rule, _shift_crack_widths(ungraded, sigmas))
+                for sigmas in (0.0, -_RANGE_SIGMAS, _RANGE_SIGMAS)
+            ]
         except SqlError as error:
             raise InputDataError(f"the severity rule {rule_file.name} cannot be run: {error}") from error
-    return _fill_grades(defects, graded, rule_file.stem, severities)
+    ids = defects.column("defect_id").to_pylist()
+    of_width, *others = [_list_severities(ids, graded, name, severities) for graded in grades]
+    ranks = [[severities.index(word) for word in words] for words in zip(of_width, *others, strict=True)]
+    return _fill_columns(
+        defects,
+        {
+            "severity": of_width,
+            "severity_rule": [name] * len(ids),
+            "graded_by": [GRADED_BY_RULES] * len(ids),
+            "severity_low": [severities[max(rank)] for rank in ranks],
+            "severity_high": [severities[min(rank)] for rank in ranks],
+        },
+    )
+
+
+def describe_severity(row: Mapping[str, Any]) -> str:
+    """The severity of a row of table ``defects``, with the range that its width's error leaves where it is uncertain.
+
+    Such as "severe (moderate to severe)".
+    """
+    severity = str(row["severity"])
+    if row["graded_by"] not in (None, GRADED_BY_RULES) or row["severity_low"] == row["severity_high"]:
+        return severity
+    return f"{severity} ({row['severity_low']} to {row['severity_high']})"
+
+
+def _grade(connection: Connection, rule: str, ungraded: pa.Table) -> pa.Table:
+    """What the rule returns for the defects: defect_id and severity."""
+    connection.register("defects", ungraded)
+    query = f"SELECT defect_id, severity FROM ({rule.rstrip().rstrip(';')}\n)"
+    return connection.execute(query).to_arrow_table()
+
+
+def _shift_crack_widths(defects: pa.Table, sigmas: float) -> pa.Table:
+    """The defects with crack widths that are ``sigmas`` times their sigma wider, but not below 0."""
+    if "crack_width_sigma_mm" not in defects.column_names:
+        return defects
+    shift = pc.multiply(pc.fill_null(defects.column("crack_width_sigma_mm"), 0.0), sigmas)
+    for name in ("crack_width_mm", "crack_width_max_mm"):
+        if name in defects.column_names:
+            width = pc.add(defects.column(name), shift)
+            shifted = pc.if_else(pc.less(width, 0.0), 0.0, width)
+            defects = defects.set_column(defects.column_names.index(name), defects.schema.field(name), shifted)
+    return defects
 
 
 def _parse_severities(rule: str, name: str) -> list[str]:
@@ -108,11 +160,11 @@ def _parse_severities(rule: str, name: str) -> list[str]:
     return [severity.strip() for severity in header[1].split(",")]
 
 
-def _fill_grades(defects: pa.Table, graded: pa.Table, rule: str, severities: list[str]) -> pa.Table:
-    """The defects with the grades of a rule pack.
+def _list_severities(defect_ids: list[str], graded: pa.Table, rule: str, severities: list[str]) -> list[str]:
+    """The severities in the order of ``defect_ids``.
 
     Args:
-        defects: table ``defects``.
+        defect_ids: the defects.
         graded: defect_id and severity, as the rule returned them.
         rule: name of the rule pack.
         severities: its severities.
@@ -122,7 +174,6 @@ def _fill_grades(defects: pa.Table, graded: pa.Table, rule: str, severities: lis
     """
     ids = graded.column("defect_id").to_pylist()
     severity_by_id = dict(zip(ids, graded.column("severity").to_pylist(), strict=True))
-    defect_ids = defects.column("defect_id").to_pylist()
     faults = {
         "defects without a severity": [one for one in defect_ids if severity_by_id.get(one) is None],
         "defects graded twice": sorted({one for one in ids if ids.count(one) > 1})
@@ -143,11 +194,11 @@ def _fill_grades(defects: pa.Table, graded: pa.Table, rule: str, severities: lis
                 f"the severity rule {rule} returns {len(examples)} {fault}, such as {examples[0]!r}; "
                 "correct it in a new version of the file"
             )
-    columns = {
-        "severity": [severity_by_id[one] for one in defect_ids],
-        "severity_rule": [rule] * len(defect_ids),
-        "graded_by": [GRADED_BY_RULES] * len(defect_ids),
-    }
+    return [severity_by_id[one] for one in defect_ids]
+
+
+def _fill_columns(defects: pa.Table, columns: Mapping[str, list[str]]) -> pa.Table:
+    """The defects with these columns of text, replaced in place or appended."""
     table = defects
     for name, values in columns.items():
         field = TABLES["defects"].arrow.field(name)

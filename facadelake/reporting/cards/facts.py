@@ -12,6 +12,7 @@ import pyarrow as pa
 from facadelake.core.frames import facade_from_site
 from facadelake.core.geodesy import SITE_AXES
 from facadelake.reporting.inspection import Inspection
+from facadelake.severity import describe_severity
 from schemas.vocabulary import CrackWidthOutcome, MergeDecision, PositionMethod
 
 _SITE = ("x_site_m", "y_site_m", "z_site_m")
@@ -25,7 +26,10 @@ def list_card_facts(row: Row, inspection: Inspection, merges: Sequence[Row]) -> 
     ``row``: row of table ``defects``. ``merges``: the rows of table ``merges`` that name the defect.
     """
     facts = [
-        ("severity", f"{row['severity']}, rule pack {row['severity_rule']}, graded by {row['graded_by'] or 'rules'}"),
+        (
+            "severity",
+            f"{describe_severity(row)}, rule pack {row['severity_rule']}, graded by {row['graded_by'] or 'rules'}",
+        ),
         ("size", _format_size(row)),
     ]
     width = format_crack_width(row)
@@ -48,6 +52,8 @@ def format_crack_width(row: Row) -> str | None:
         text = f"{width:.2f} mm" if sigma is None else f"{width:.1f} ± {sigma:.1f} mm"
         if row["crack_width_max_mm"] is not None:
             text += f", maximum {row['crack_width_max_mm']:.1f} mm"
+        if row["crack_width_blur_mm"] is not None:
+            text += f"; may be overstated by about {row['crack_width_blur_mm']:.0f} mm (unknown blur)"
         return f"{text} (stated)" if outcome == CrackWidthOutcome.STATED else text
     limit = row["crack_width_limit_mm"]
     return None if outcome != CrackWidthOutcome.BELOW_LIMIT or limit is None else f"< {limit:.1f} mm"

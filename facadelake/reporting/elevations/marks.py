@@ -15,6 +15,7 @@ from facadelake.core.geodesy import SiteOrigin
 from facadelake.reporting.drawing.labels import label_ids
 from facadelake.reporting.elevations.facades import Facade, choose_view
 from facadelake.reporting.elevations.relief import FacadeRelief
+from facadelake.severity import describe_severity
 
 _MIN_INCIDENCE_COS = 0.2  # outlines at larger angles to the elevation are not drawn
 _SURFACE_TOLERANCE_M = 0.25
@@ -55,7 +56,7 @@ def create_marks(defects: pa.Table, origin: SiteOrigin) -> list[DefectMark]:
             defect_id=row["defect_id"],
             label=labels[row["defect_id"]],
             defect_class=row["defect_class"],
-            severity=row["severity"],
+            severity=describe_severity(row),
             facade=row["facade"],
             centre_site_m=(centre := np.array([row["x_site_m"], row["y_site_m"], row["z_site_m"]])),
             normal_site=(normal := np.array([row["normal_x"], row["normal_y"], row["normal_z"]])),

@@ -10,6 +10,7 @@ from typing import Any
 import pyarrow as pa
 
 from facadelake.core.errors import InputDataError
+from facadelake.deduplication import describe_width_blur
 from facadelake.reporting.cards.facts import format_crack_width, format_geo_position
 from facadelake.reporting.distribution import Distribution
 from facadelake.reporting.drawing.labels import label_ids
@@ -17,7 +18,7 @@ from facadelake.reporting.drawing.palette import get_class_colour
 from facadelake.reporting.elevations.elevation import Elevation
 from facadelake.reporting.inspection import Inspection
 from facadelake.reporting.page.html import Html, html_from_value, link_file, render_paragraph, render_table
-from facadelake.severity import RulePack, read_rule_pack
+from facadelake.severity import RulePack, describe_severity, read_rule_pack
 from schemas.vocabulary import CrackWidthOutcome, DefectClass
 
 
@@ -85,6 +86,14 @@ def describe_severity_rules(inspection: Inspection) -> list[Html]:
                 f"not measured of {len(cracks) - measured - bounded}."
             )
         )
+        uncertain = sum(describe_severity(row) != row["severity"] for row in cracks)
+        if uncertain:
+            parts.append(
+                render_paragraph(
+                    f"The severity of {uncertain} cracks is not certain: in brackets are the severities for widths "
+                    "two sigmas narrower and wider."
+                )
+            )
     return parts
 
 
@@ -123,6 +132,9 @@ def list_defects(
                 "assessment."
             )
         )
+    overstated = describe_width_blur([row["crack_width_blur_mm"] for row in rows])
+    if overstated:
+        notes.append(render_paragraph(f"Warning: {overstated}."))
     if missing:
         notes.append(
             render_paragraph(
@@ -177,7 +189,7 @@ def _format_defect(
         number,
         picture,
         html_from_class(row["defect_class"]),
-        row["severity"],
+        describe_severity(row),
         _format_size(row),
         row["storey"],
         row["facade"],

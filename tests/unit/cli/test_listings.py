@@ -17,6 +17,7 @@ from tests.unit.lake.small_campaign import BUILDING, commit
     ("known", "told"),
     [
         ({"crack_width_mm": 0.44, "crack_width_limit_mm": 0.2, "crack_width_outcome": "measured"}, "0.4"),
+        ({"crack_width_mm": 24.5, "crack_width_sigma_mm": 9.0, "crack_width_outcome": "measured"}, "24.5 ± 9.0"),
         ({"crack_width_mm": None, "crack_width_limit_mm": 3.21, "crack_width_outcome": "below_limit"}, "< 3.2"),
         ({"crack_width_mm": None, "crack_width_limit_mm": 3.21, "crack_width_outcome": "no_line"}, ""),
     ],

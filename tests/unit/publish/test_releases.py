@@ -147,7 +147,7 @@ def test_pandas_and_geopandas_read_every_file_with_its_lists(release: Path) -> N
 
 def test_attribute_table_begins_with_class_and_size_and_keeps_nulls(release: Path) -> None:
     table = pq.read_table(release / "defects.parquet")
-    assert table.column_names[:4] == ["defect_id", "defect_class", "severity", "width_m"]
+    assert table.column_names[:4] == ["defect_id", "defect_class", "severity", "severity_low"]
     assert table.column_names[-7:] == [
         "building_id", "campaign_id", "run_id", "patch", "geometry", "bbox", "patch_bbox",
     ]  # fmt: skip

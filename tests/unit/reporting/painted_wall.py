@@ -128,8 +128,9 @@ def make_painted_wall(root: Path) -> PaintedWall:
 def make_defect_row(defect_id: str, x_m: float, z_m: float, **others: object) -> dict[str, object]:
     """A row of defects on the wall's front."""
     return {
-        "defect_id": defect_id, "defect_class": "crack", "severity": "none", "severity_rule": "size-1", "x_site_m": x_m,
-        "y_site_m": 0.0, "z_site_m": z_m, "lon_deg": 8.4, "lat_deg": 48.9, "height_ellipsoidal_m": 180.0 + z_m,
+        "defect_id": defect_id, "defect_class": "crack", "severity": "none", "severity_rule": "size-1",
+        "severity_low": "none", "severity_high": "none", "graded_by": None, "x_site_m": x_m, "y_site_m": 0.0,
+        "z_site_m": z_m, "lon_deg": 8.4, "lat_deg": 48.9, "height_ellipsoidal_m": 180.0 + z_m,
         "east_map_m": 0.0, "north_map_m": 0.0, "height_map_m": 180.0 + z_m, "normal_x": 0.0, "normal_y": -1.0,
         "normal_z": 0.0, "width_m": 0.4, "height_m": 0.2, "area_m2": 0.08, "spread_m": 0.0, "photo_count": 1,
         "score": 1.0, "best_photo_id": "a.png", "element_guid": "wall", "ifc_class": "IfcWall",

@@ -300,6 +300,13 @@ def test_facts_that_were_not_measured_are_omitted(painted: PaintedWall) -> None:
     assert facts["crack width"] == "0.40 mm"
     error = {"crack_width_mm": 2.34, "crack_width_sigma_mm": 0.42, "crack_width_max_mm": 4.06}
     assert dict(list_card_facts({**rich, **error}, inspection, []))["crack width"] == "2.3 ± 0.4 mm, maximum 4.1 mm"
+    overstated = {**error, "crack_width_blur_mm": 13.4}
+    assert dict(list_card_facts({**rich, **overstated}, inspection, []))["crack width"] == (
+        "2.3 ± 0.4 mm, maximum 4.1 mm; may be overstated by about 13 mm (unknown blur)"
+    )
+    uncertain = {"severity": "severe", "severity_low": "moderate", "severity_high": "severe"}
+    told = dict(list_card_facts({**rich, **uncertain}, inspection, []))["severity"]
+    assert told.startswith("severe (moderate to severe), rule pack")
     bound = {"crack_width_mm": None, "crack_width_limit_mm": 3.24, "crack_width_outcome": "below_limit"}
     assert dict(list_card_facts({**rich, **bound}, inspection, []))["crack width"] == "< 3.2 mm"
     assert "crack width" not in dict(

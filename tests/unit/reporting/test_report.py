@@ -95,6 +95,19 @@ def test_defects_are_sorted_by_severity_with_crops_and_cards(painted: PaintedWal
     assert "Width measured of" in rules and "not measured of" in rules
 
 
+def test_the_report_tells_uncertain_severities_and_overstated_widths(painted: PaintedWall, tmp_path: Path) -> None:
+    wide = {"crack_width_mm": 24.5, "crack_width_sigma_mm": 9.0, "crack_width_outcome": "measured"}
+    defects = [
+        make_defect_row("D1", 2.0, 1.0, **wide, severity="severe", severity_low="moderate", severity_high="severe"),
+        make_defect_row("D2", 3.0, 2.0, **wide, crack_width_blur_mm=13.4),
+    ]
+    text = read(write_report(make_inspection(painted, defects, ["D1", "D2"]), painted.surface, tmp_path, COARSE)).text
+    assert "severe (moderate to severe)" in text
+    assert "The severity of 1 cracks is not certain" in text
+    assert "Warning: the widths of 1 cracks may be overstated, by about 13 to 13 mm" in text
+    assert "may be overstated by about 13 mm (unknown blur)" in text
+
+
 def test_a_report_fits_a_narrow_screen_and_has_cards_of_all_defects(painted: PaintedWall, tmp_path: Path) -> None:
     """What a browser of 390 px showed 612 px wide: the contents, which could not wrap, and tables side by side."""
     defects = [make_defect_row(f"D{n:02d}", 0.5 + 0.5 * n, 1.0) for n in range(9)]

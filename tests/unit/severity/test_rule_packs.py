@@ -11,7 +11,14 @@ from facadelake.core.errors import InputDataError, SchemaError
 from facadelake.core.sql_files import read_statement_file, read_statements
 from facadelake.core.tables import check_table
 from facadelake.registry import Building
-from facadelake.severity.rule_packs import RULE_FOLDER, find_rule_file, grade_defects, list_rule_packs, read_rule_pack
+from facadelake.severity.rule_packs import (
+    RULE_FOLDER,
+    describe_severity,
+    find_rule_file,
+    grade_defects,
+    list_rule_packs,
+    read_rule_pack,
+)
 from tests.unit.lake.small_campaign import stage_tables
 from tests.unit.severity.rule_headers import read_severities
 
@@ -48,6 +55,43 @@ def test_extent_rule(row: tuple[str, float, float, float], severity: str) -> Non
     result = grade_defects(defects(row), find_rule_file("extent_v1"))
     assert result["severity"].to_pylist() == [severity]
     assert result["severity_rule"].to_pylist() == ["extent_v1"]
+
+
+@pytest.mark.parametrize(
+    ("pack", "width_mm", "sigma_mm", "severity", "low", "high"),
+    [
+        # The demo's crack of 24.5 mm, which was drawn 9 mm wide: 24.5 - 2 x 10 is up to 5 mm.
+        ("width_and_extent_v1", 24.5, 10.0, "severe", "minor", "severe"),
+        ("width_and_extent_v1", 24.5, 5.0, "severe", "moderate", "severe"),
+        ("width_and_extent_v1", 24.5, 1.0, "severe", "severe", "severe"),
+        ("width_and_extent_v1", 3.0, 0.9, "minor", "minor", "minor"),
+        ("width_and_extent_v1", 3.0, 1.1, "minor", "minor", "moderate"),
+        ("width_and_extent_v1", 3.0, None, "minor", "minor", "minor"),  # stated by a person without an error
+        ("width_and_extent_v1", None, None, "minor_or_worse", "minor_or_worse", "minor_or_worse"),
+        ("bre251_v1", 24.5, 4.9, "severe", "moderate", "very_severe"),
+        ("bre251_v1", 0.2, 0.2, "very_slight", "negligible", "very_slight"),  # not below 0
+        ("concrete_03_v1", 0.35, 0.05, "over_limit", "within_limit", "over_limit"),
+        ("nyc_fisp_v1", 6.0, 1.0, "UNSAFE", "SWARMP", "UNSAFE"),
+        ("paper_crack_width_v1", 0.45, 0.04, "moderate", "moderate", "severe"),
+    ],
+)
+def test_the_severity_says_what_the_error_of_the_width_leaves_open(
+    pack: str, width_mm: float | None, sigma_mm: float | None, severity: str, low: str, high: str
+) -> None:
+    crack = {
+        "defect_id": "d", "defect_class": "crack", "width_m": 0.4, "height_m": 0.3, "length_m": None, "area_m2": 0.12,
+        "crack_width_mm": width_mm, "crack_width_sigma_mm": sigma_mm, "crack_width_limit_mm": None,
+        "material": "Concrete", "crack_width_outcome": "no_line" if width_mm is None else "measured",
+    }  # fmt: skip
+    table = pa.Table.from_pylist([crack])
+    numbers = ("length_m", "crack_width_mm", "crack_width_sigma_mm", "crack_width_limit_mm")
+    for name in numbers:
+        table = table.set_column(table.column_names.index(name), name, table[name].cast(pa.float64()))
+    row = grade_defects(table, find_rule_file(pack)).to_pylist()[0]
+    assert (row["severity"], row["severity_low"], row["severity_high"]) == (severity, low, high)
+    assert row["crack_width_mm"] == width_mm
+    assert describe_severity(row) == (severity if low == high else f"{severity} ({low} to {high})")
+    assert describe_severity(row | {"graded_by": "A. Mason"}) == severity  # a person decided
 
 
 def grade_one(pack: str, **values: object) -> str:
