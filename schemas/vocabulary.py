@@ -67,10 +67,12 @@ class PlacementStatement(StrEnum):
 
 
 class PlacementCheckOutcome(StrEnum):
-    """Whether a statement agrees with the placement, in proportion to the sigmas of both."""
+    """Whether a statement agrees with the placement, in proportion to the sigmas of both; ``accepted``: it disagrees,
+    and the portfolio accepts that with a reason."""
 
     AGREES = "agrees"
     DISAGREES = "disagrees"
+    ACCEPTED = "accepted"
     NOT_COMPARABLE = "not_comparable"
 
 

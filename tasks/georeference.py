@@ -41,6 +41,7 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
     alone = job.control in (ControlKind.GPS, ControlKind.MODEL)
     references = [] if alone else list_earlier_references(job.lake, building.id, job.campaign_id)
     root = building.locate_photographs(job.campaign_id)
+    accepted = building.list_accepted_statements(job.campaign_id)
 
     def make(folder: Path) -> Counts:
         model_of_building = read_building(model.folder)
@@ -73,6 +74,7 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
                 else None,
                 references=[(read_reference(path), descriptors) for path in references],
                 placement_sigma_max_m=tolerances.placement_sigma_max_m,
+                accepted=accepted,
             ),
         )
         placed.site_from_sfm.save(folder / SITE_FROM_SFM)
@@ -95,6 +97,7 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
         "model_sigma_m": tolerances.model_sigma_m,
         "crs": [crs.gnss, crs.accept_operation_accuracy_m],
         "placement_sigma_max_m": tolerances.placement_sigma_max_m,
+        "accept_placement": [one.model_dump() for one in accepted],
     }
     reads = {"model": model, "photos": photos, "block": block}
     return run_stage(job, "georeference", reads=reads, inputs=inputs, make=make)

@@ -29,6 +29,7 @@ def import_poses(job: InspectionJob, model: StageResult, photos: StageResult) ->
     limit_m = job.building.tolerances.placement_sigma_max_m
     files = (job.building.locate_control_points(job.campaign_id), job.building.locate_check_points(job.campaign_id))
     surveyed = [file for file in files if file is not None]
+    accepted = job.building.list_accepted_statements(job.campaign_id)
 
     def make(folder: Path) -> Counts:
         building = read_building(model.folder)
@@ -48,6 +49,7 @@ def import_poses(job: InspectionJob, model: StageResult, photos: StageResult) ->
             surface=Surface(building),
             placement_sigma_max_m=limit_m,
             surveyed=[read_surveyed_points(file) for file in surveyed],
+            accepted_statements=accepted,
         )
         write_table("poses", placed.poses, folder)
         write_table("georeference", placed.georeference, folder)
@@ -61,5 +63,6 @@ def import_poses(job: InspectionJob, model: StageResult, photos: StageResult) ->
         "surveyed": hash_files(surveyed),
         "crs": [crs.gnss, crs.accept_operation_accuracy_m],
         "placement_sigma_max_m": limit_m,
+        "accept_placement": [one.model_dump() for one in accepted],
     }
     return run_stage(job, "import-poses", reads={"model": model, "photos": photos}, inputs=inputs, make=make)

@@ -62,12 +62,15 @@ def show_inspection(console: Console, lake: Path, result: InspectionResult) -> N
     placement = rows("placement_checks")
     comparable = [row for row in placement if row["placement_check_outcome"] != PlacementCheckOutcome.NOT_COMPARABLE]
     disagreeing = [row for row in comparable if row["placement_check_outcome"] == PlacementCheckOutcome.DISAGREES]
-    agreeing = [row["statement"] for row in comparable if row not in disagreeing]
+    accepted = [row for row in comparable if row["placement_check_outcome"] == PlacementCheckOutcome.ACCEPTED]
+    agreeing = [row["statement"] for row in comparable if row not in [*disagreeing, *accepted]]
     table.add_row(
         "placement", f"{len(agreeing)} of {len(comparable)} statements agree ({', '.join(agreeing) or 'none'})"
     )
     for row in disagreeing:
         table.add_row("[yellow]disagreement[/yellow]", escape(row["detail"]))
+    for row in accepted:
+        table.add_row("[yellow]accepted[/yellow]", escape(row["detail"]))
     found = [row["detection_outcome"] for row in detections if row["detection_outcome"] != "accepted"]
     detectors = ", ".join(sorted({row["detector"] for row in detections}))
     by = f" by {escape(detectors)}" if detectors else ""

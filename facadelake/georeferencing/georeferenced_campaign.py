@@ -17,6 +17,7 @@ from facadelake.core.frames import Similarity, estimate_similarity
 from facadelake.core.geodesy import SITE_AXES, SiteOrigin
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.acceptance import require_accuracy, require_consistent_frame
+from facadelake.georeferencing.accepted_statements import accept_statements
 from facadelake.georeferencing.adjustment.adjusted_block import AdjustedBlock
 from facadelake.georeferencing.available_control import Control
 from facadelake.georeferencing.block_checks import check_block
@@ -167,7 +168,9 @@ def build_georeferenced_campaign(
         held_out_m=held_out_m,
         remedy="; ".join(filter(None, [datum_remark, _REMEDY])),
     )
-    checks = (*check_block(priors, adjusted, sigma_m, points, control), *reading_checks)
+    checks = accept_statements(
+        (*check_block(priors, adjusted, sigma_m, points, control), *reading_checks), control.accepted
+    )
     disagreements = require_agreement(
         checks,
         control=placement.kind,

@@ -143,8 +143,9 @@ def check_tie_points(
         return PlacementCheck(
             statement=statement,
             outcome=PlacementCheckOutcome.DISAGREES if nothing_fits else PlacementCheckOutcome.AGREES,
-            deviation=np.nan if nothing_fits else 0.0,
-            limit=_GATE_M,
+            deviation=found.matched / found.compared if nothing_fits else 0.0,
+            limit=_MIN_SHARE_ON_MODEL if nothing_fits else _GATE_M,
+            unit="share" if nothing_fits else "m",
             decides=2 * found.matched > found.compared and _GAIN * found.matched_at_gps < found.matched,
             detail=f"{now}, and no shift up to {_SEARCH_HORIZONTAL_M:g} m horizontally or {_SEARCH_UP_M:g} m in height "
             "puts clearly more of them there",

@@ -207,7 +207,10 @@ def require_agreement(
     """
     disagreements = [check for check in checks if check.disagrees]
     outvoted = any(
-        check.decides and not check.disagrees and (check.statement, control) != _MODEL_ON_ITSELF for check in checks
+        check.decides
+        and check.outcome is PlacementCheckOutcome.AGREES
+        and (check.statement, control) != _MODEL_ON_ITSELF
+        for check in checks
     )
     refused = [
         check
@@ -227,8 +230,10 @@ def require_agreement(
             for check in checks
             if check.outcome is PlacementCheckOutcome.NOT_COMPARABLE and np.isfinite(check.deviation)
         ]
+        accepted = [check for check in checks if check.outcome is PlacementCheckOutcome.ACCEPTED]
         return tuple(
             [f"disagreement: {check.detail}" for check in disagreements]
+            + [f"accepted disagreement: {check.detail}" for check in accepted]
             + [f"undecided: {check.detail}" for check in undecided]
         )
     agreeing = [check.detail for check in checks if check.outcome is PlacementCheckOutcome.AGREES]
@@ -237,7 +242,9 @@ def require_agreement(
     raise GeoreferenceError(
         f"the placement by {method} is contradicted: {'; '.join(check.detail for check in disagreements)}"
         + (f". It agrees with: {'; '.join(agreeing)}" if agreeing else "")
-        + f". {causes}. Correct the statement that is wrong, or choose another control with --georeference"
+        + f". {causes}. Correct the statement that is wrong, or choose another control with --georeference; where the "
+        "placement is known to be right, accept the statement by its name and up to a limit (accept_placement in the "
+        f"portfolio: {', '.join(check.statement for check in refused)})"
     )
 
 

@@ -2,6 +2,7 @@ from .building import Building as Building
 from .portfolio import Portfolio as Portfolio
 from .portfolio import read_portfolio as read_portfolio
 from .settings import DEFAULT_MODEL as DEFAULT_MODEL
+from .settings import AcceptedStatement as AcceptedStatement
 from .settings import CocoDetectorSetting as CocoDetectorSetting
 from .settings import ExifView as ExifView
 from .settings import OnnxDetectorSetting as OnnxDetectorSetting

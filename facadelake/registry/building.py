@@ -11,6 +11,7 @@ from pydantic import Field, PrivateAttr, model_validator
 
 from facadelake.core.errors import InputDataError, suggest_name
 from facadelake.registry.settings import (
+    AcceptedStatement,
     BuildingCrs,
     CocoDetectorSetting,
     Identifier,
@@ -35,6 +36,7 @@ class Building(StrictModel):
     model. ``model_building`` is the name of the IfcBuilding to use of an IFC with several. ``storeys`` are for models
     without storeys. ``positions`` None: those of XMP, else of EXIF. ``use_photographs`` are kinds of photographs that
     are kept out of the block by default. The default of ``detector`` is the default detector model.
+    ``accept_placement`` are statements that may contradict the placement.
     """
 
     id: Identifier
@@ -55,6 +57,7 @@ class Building(StrictModel):
     crs: BuildingCrs = BuildingCrs()
     storeys: tuple[StoreySetting, ...] = ()
     tolerances: Tolerances = Tolerances()
+    accept_placement: tuple[AcceptedStatement, ...] = ()
     severity_rules: Identifier = "width_and_extent_v1"
     _variables: tuple[str, ...] = PrivateAttr(default=())
 
@@ -93,6 +96,10 @@ class Building(StrictModel):
             if re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", name) and (folder / rest).is_dir():
                 found.append(name)
         return tuple(sorted(found))
+
+    def list_accepted_statements(self, campaign_id: str) -> tuple[AcceptedStatement, ...]:
+        """The statements that may contradict the placement of the campaign."""
+        return tuple(one for one in self.accept_placement if one.campaigns is None or campaign_id in one.campaigns)
 
     def locate_photographs(self, campaign_id: str) -> Path:
         """The folder of the campaign's photographs. Raises InputDataError where it does not exist."""

@@ -154,6 +154,26 @@ class Tolerances(StrictModel):
     placement_sigma_max_m: Annotated[float, Field(gt=0)] = 0.5
 
 
+class AcceptedStatement(StrictModel):
+    """A statement that may contradict the placement of campaigns, up to a limit and for a ``reason`` on record.
+
+    ``statement`` is one of table ``placement_checks``. ``deviation_max_m`` is the largest deviation that is accepted,
+    ``share_min`` the smallest share, of statements in metres and in shares. ``campaigns`` None: all of the building.
+    """
+
+    statement: Literal["gps_position", "gps_height", "surveyed_points", "camera_height", "model_in_view", "tie_points"]
+    deviation_max_m: Annotated[float, Field(gt=0, le=1000)] | None = None
+    share_min: Annotated[float, Field(ge=0, lt=1)] | None = None
+    reason: Annotated[str, Field(min_length=10)]
+    campaigns: tuple[Identifier, ...] | None = None
+
+    @model_validator(mode="after")
+    def _check_single_limit(self) -> Self:
+        if (self.deviation_max_m is None) == (self.share_min is None):
+            raise ValueError("give one limit: 'deviation_max_m' in metres, or 'share_min' of photographs or tie points")
+        return self
+
+
 class PositionsSetting(StrictModel):
     """Which statement of the photographs' positions counts: that of XMP, of EXIF, or of a file.
 

@@ -1,5 +1,5 @@
 -- grain: statement about a campaign's place
--- meaning: what GPS, surveyed points and the model say about the placement of a campaign, disagreements first
+-- meaning: what GPS, surveyed points and the model say about the placement of a campaign, disagreements first, then accepted ones
 -- $building_id: the building; left out, all of them
 -- $campaign_id: the campaign; left out, all of them
 SELECT
@@ -15,4 +15,9 @@ SELECT
 FROM placement_checks
 WHERE ($building_id::VARCHAR IS NULL OR building_id = $building_id)
   AND ($campaign_id::VARCHAR IS NULL OR campaign_id = $campaign_id)
-ORDER BY building_id, campaign_id, placement_check_outcome <> 'disagrees', statement
+ORDER BY
+    building_id,
+    campaign_id,
+    placement_check_outcome <> 'disagrees',
+    placement_check_outcome <> 'accepted',
+    statement

@@ -46,7 +46,8 @@ def test_control_points_48_m_low() -> None:
     assert "would, if the campaign were shifted by east " in message
     assert "m, height +4" in message
     assert "Probable causes: heights above the geoid taken as ellipsoidal, or the reverse (a shift of +4" in message
-    assert message.endswith("Correct the statement that is wrong, or choose another control with --georeference")
+    assert "Correct the statement that is wrong, or choose another control with --georeference; where the " in message
+    assert message.endswith("(accept_placement in the portfolio: camera_height, model_in_view, tie_points)")
 
 
 def test_control_points_in_another_datum() -> None:

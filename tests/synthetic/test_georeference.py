@@ -193,6 +193,7 @@ class Scene:
                 check_points=given.get("check_points"),  # type: ignore[arg-type]
                 model=given.get("model"),  # type: ignore[arg-type]
                 placement_sigma_max_m=given.get("limit_m", 0.5),  # type: ignore[arg-type]
+                accepted=given.get("accepted", ()),  # type: ignore[arg-type]
             ),
         )
 

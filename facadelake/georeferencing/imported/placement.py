@@ -19,6 +19,7 @@ from facadelake.core.geodesy import SITE_AXES
 from facadelake.core.photo_names import PhotoNames
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.acceptance import require_accuracy
+from facadelake.georeferencing.accepted_statements import accept_statements
 from facadelake.georeferencing.datum_shift import (
     DatumShift,
     build_operation_columns,
@@ -40,6 +41,7 @@ from facadelake.georeferencing.placement_checks import (
 )
 from facadelake.georeferencing.poses_table import build_pose_columns
 from facadelake.georeferencing.site_frame import SiteFrame
+from facadelake.registry import AcceptedStatement
 from schemas.vocabulary import ControlKind, PhotoOutcome, PlacementStatement, PoseSource
 
 # Accuracy of a good bundle adjustment on a building; assumed where the file states no sigma.
@@ -68,6 +70,7 @@ def place_imported_poses(
     surface: Surface,
     placement_sigma_max_m: float,
     surveyed: Sequence[SurveyedPoints] = (),
+    accepted_statements: Sequence[AcceptedStatement] = (),
 ) -> ImportedPlacement:
     """Place a campaign by imported poses.
 
@@ -79,6 +82,7 @@ def place_imported_poses(
         placement_sigma_max_m: limit of the poses' median sigma.
         surveyed: control and check points. They and the photographs' GPS validate the poses in the passport and do not
             change them.
+        accepted_statements: those that may contradict the placement.
 
     Returns:
         the tables; one row of ``poses`` for each accepted photograph, with its pose or with the reason why it has none.
@@ -147,6 +151,7 @@ def place_imported_poses(
         check_surveyed_points(PlacementStatement.SURVEYED_POINTS, validation.held_out_m, sigma_m, CONTROL_SIGMA_M),
         *check_cameras(cameras, surface, float(lowest_m), float(highest_m)),
     )
+    checks = accept_statements(checks, accepted_statements)
     centres = np.array([camera.centre_site_m for camera in cameras])
     disagreements = require_agreement(
         checks,

@@ -15,6 +15,7 @@ _STYLES = {FactStatus.GOOD: "good", FactStatus.CHECK: "check", FactStatus.POOR: 
 _OUTCOMES = {
     PlacementCheckOutcome.AGREES: "good",
     PlacementCheckOutcome.DISAGREES: "bad",
+    PlacementCheckOutcome.ACCEPTED: "check",
     PlacementCheckOutcome.NOT_COMPARABLE: "soft",
 }
 _CAPTION = (
@@ -53,9 +54,10 @@ def _render_status(status: FactStatus) -> Html:
 
 
 def _list_placement_checks(inspection: Inspection) -> Html:
-    """Table of the statements that the placement was compared with, disagreements first."""
+    """Table of the statements that the placement was compared with, disagreements first, then accepted ones."""
     rows = inspection.placement_checks.to_pylist()
-    rows.sort(key=lambda row: row["placement_check_outcome"] != PlacementCheckOutcome.DISAGREES)
+    first = [PlacementCheckOutcome.DISAGREES, PlacementCheckOutcome.ACCEPTED]
+    rows.sort(key=lambda row: [row["placement_check_outcome"] != outcome for outcome in first])
     lines = [
         [
             row["statement"].replace("_", " "),

@@ -164,6 +164,13 @@ def test_mistakes_in_positions_are_named(line: str, message: str, tmp_path: Path
     assert message in str(raised.value)
 
 
+def test_statements_are_accepted_for_the_campaigns_that_are_named(tmp_path: Path) -> None:
+    line = "{statement: tie_points, deviation_max_m: 1.2, reason: shell without its insulation, campaigns: [2026-04]}"
+    building = read_portfolio(_write(tmp_path, GOOD + f"    accept_placement: [{line}]\n")).get_building("hall")
+    assert [one.deviation_max_m for one in building.list_accepted_statements("2026-04")] == [1.2]
+    assert building.list_accepted_statements("2026-10") == ()
+
+
 @pytest.mark.parametrize("text", ["", "# nothing but a remark\n", "---\n"])
 def test_an_empty_portfolio_is_named(text: str, tmp_path: Path) -> None:
     (tmp_path / "portfolio.yaml").write_text(text)
