@@ -18,6 +18,7 @@ from facadelake.core.geodesy import SITE_AXES, SiteOrigin
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.acceptance import require_accuracy, require_consistent_frame
 from facadelake.georeferencing.accepted_statements import accept_statements
+from facadelake.georeferencing.accuracy_remedies import suggest_accuracy_remedy
 from facadelake.georeferencing.adjustment.adjusted_block import AdjustedBlock
 from facadelake.georeferencing.available_control import Control
 from facadelake.georeferencing.block_checks import check_block
@@ -40,11 +41,6 @@ from facadelake.sfm import Reconstruction
 from schemas.vocabulary import ControlKind, PointKind
 
 logger = logging.getLogger(__name__)
-
-_REMEDY = (
-    "give control points (gcp_list.txt, 3 or more around the building), photographs from more sides or a model with "
-    "openings, or accept an accuracy of metres with --georeference gps"
-)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -166,7 +162,7 @@ def build_georeferenced_campaign(
         sigma_m=sigma_m,
         limit_m=np.inf if gps_requested else control.placement_sigma_max_m,
         held_out_m=held_out_m,
-        remedy="; ".join(filter(None, [datum_remark, _REMEDY])),
+        remedy="; ".join(filter(None, [datum_remark, suggest_accuracy_remedy(placement, sigma_m, priors)])),
     )
     checks = accept_statements(
         (*check_block(priors, adjusted, sigma_m, points, control), *reading_checks), control.accepted

@@ -127,8 +127,7 @@ def test_control_in_an_older_datum_has_the_accuracy_of_the_operation_in_its_cova
     with pytest.raises(GeoreferenceError) as raised:
         georeference(in_ed50, frame, limit_m=0.5)
     assert str(raised.value) == (
-        refusal + "give control points (gcp_list.txt, 3 or more around the building), photographs from more sides or a "
-        "model with openings, or accept an accuracy of metres with --georeference gps"
+        refusal + "give control in ETRS89 / UTM zone 32N; more control in ED50 / UTM zone 32N changes nothing"
     )
 
 

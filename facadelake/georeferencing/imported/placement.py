@@ -20,6 +20,7 @@ from facadelake.core.photo_names import PhotoNames
 from facadelake.core.tables import table_from_rows
 from facadelake.georeferencing.acceptance import require_accuracy
 from facadelake.georeferencing.accepted_statements import accept_statements
+from facadelake.georeferencing.accuracy_remedies import suggest_shift_remedy
 from facadelake.georeferencing.datum_shift import (
     DatumShift,
     build_operation_columns,
@@ -287,7 +288,9 @@ def _require_accuracy(
         sigma_m=sigma_m,
         limit_m=limit_m,
         held_out_m=validation.held_out_m,
-        remedy="; ".join(filter(None, [describe_datum_shift(shift, sigma_m), _REMEDY])),
+        remedy="; ".join(
+            filter(None, [describe_datum_shift(shift, sigma_m), suggest_shift_remedy(shift, sigma_m) or _REMEDY])
+        ),
     )
     return sigma_m
 
