@@ -50,12 +50,10 @@ def read_migrations(folder: Path = MIGRATIONS) -> tuple[Migration, ...]:
 
 def get_schema_version(connection: duckdb.DuckDBPyConnection) -> int:
     """Number of the last migration applied to the attached lake; 0 for a new one."""
-    known = connection.execute(
-        "SELECT count(*) FROM duckdb_tables() WHERE database_name = 'lake' AND table_name = 'migrations'"
-    ).fetchone()
-    if known is None or known[0] == 0:
+    try:
+        row = connection.execute("SELECT coalesce(max(number), 0) FROM lake.migrations").fetchone()
+    except duckdb.CatalogException:  # no such table
         return 0
-    row = connection.execute("SELECT coalesce(max(number), 0) FROM lake.migrations").fetchone()
     return int(row[0]) if row else 0
 
 

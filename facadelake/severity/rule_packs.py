@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -21,11 +20,11 @@ from facadelake.core.duckdb_engine import Connection, SqlError, open_duckdb
 from facadelake.core.errors import InputDataError, SchemaError, suggest_name
 from facadelake.core.sql_files import read_statement_file
 from facadelake.core.sql_guard import require_plain_select
+from facadelake.severity.description import GRADED_BY_RULES
 from schemas.tables import TABLES
 
 RULE_FOLDER = locate_source("data/severity")
 GRADE_COLUMNS = ("severity", "severity_rule", "graded_by", "severity_low", "severity_high")
-GRADED_BY_RULES = "rules"  # value of graded_by for a proposal by rules; a person's grade has the person's name
 _RANGE_SIGMAS = 2.0  # of the crack width, to either side, within which the severity may be another one
 _SEVERITIES = re.compile(r"^-- severities: (.+)$", re.MULTILINE)
 _NAME = re.compile(r"[a-z][a-z0-9_]*_v[0-9]+")
@@ -117,17 +116,6 @@ def grade_defects(defects: pa.Table, rule_file: Path) -> pa.Table:
             "severity_high": [severities[min(rank)] for rank in ranks],
         },
     )
-
-
-def describe_severity(row: Mapping[str, Any]) -> str:
-    """The severity of a row of table ``defects``, with the range that its width's error leaves where it is uncertain.
-
-    Such as "severe (moderate to severe)".
-    """
-    severity = str(row["severity"])
-    if row["graded_by"] not in (None, GRADED_BY_RULES) or row["severity_low"] == row["severity_high"]:
-        return severity
-    return f"{severity} ({row['severity_low']} to {row['severity_high']})"
 
 
 def _grade(connection: Connection, rule: str, ungraded: pa.Table) -> pa.Table:

@@ -11,9 +11,9 @@ from facadelake.core.errors import InputDataError, SchemaError
 from facadelake.core.sql_files import read_statement_file, read_statements
 from facadelake.core.tables import check_table
 from facadelake.registry import Building
+from facadelake.severity.description import describe_severity
 from facadelake.severity.rule_packs import (
     RULE_FOLDER,
-    describe_severity,
     find_rule_file,
     grade_defects,
     list_rule_packs,
