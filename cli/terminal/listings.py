@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -12,10 +12,13 @@ from rich.table import Table as RichTable
 
 from facadelake.core.errors import InputDataError, suggest_name
 from facadelake.core.tables import list_rows
-from facadelake.lake import Regrading, answer_question, has_lake, read_table
+from facadelake.lake import answer_question, has_lake, read_table
 from facadelake.registry import Portfolio, read_portfolio
 from facadelake.severity import describe_severity
 from schemas.vocabulary import CrackWidthOutcome, DefectClass
+
+if TYPE_CHECKING:
+    from facadelake.lake import Regrading
 
 WIDE_COLUMNS = 120  # a narrower terminal shows no coordinates; 'facadelake sql' and 'export' have them
 

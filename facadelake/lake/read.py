@@ -165,7 +165,7 @@ def _query_with(
         except duckdb.Error as error:
             raise InputDataError(f"the question cannot be answered: {str(error).strip()}") from error
     plain = [pa.field(field.name, field.type, field.nullable) for field in rows.schema]  # without DuckDB's metadata
-    return rows.cast(pa.schema(plain))
+    return pa.Table.from_arrays(rows.columns, schema=pa.schema(plain))
 
 
 def _describe_conversion(error: duckdb.Error, parameters: Mapping[str, Value] | None) -> str:

@@ -161,7 +161,7 @@ def _draw_patch(sheet: Axes, contents: CardContents, left: float, top: float) ->
             )
         )
     sheet.text(corner[0], corner[1] + 0.09, format_bar_length(length), fontsize=8, color="white", va="bottom")
-    note = f"rectified, true to scale, resolution {1000 * patch.cell_m:.1f} mm"
+    note = f"rectified, to scale, {1000 * patch.cell_m:.1f} mm/pixel"  # with the next line as wide as the picture
     if not patch.visible.all():
         note += "; grey: not visible in the photograph"
     sheet.text(left, top - _BIG_IN - 0.06, note, fontsize=8, va="top", color="#303030")

@@ -181,7 +181,7 @@ def _report_doming(row: Row) -> Fact:
     is_good = abs(doming_m) <= max(_MAX_DOMING_M, 2 * sigma_m)
     return Fact(
         name=name,
-        value=f"{1000 * doming_m:+.0f} mm ± {1000 * sigma_m:.0f} mm",
+        value=f"{round(1000 * doming_m):+d} mm ± {1000 * sigma_m:.0f} mm",
         meaning=meaning,
         limit=f"{format_length(_MAX_DOMING_M)} or two standard deviations",
         status=FactStatus.GOOD if is_good else FactStatus.CHECK,

@@ -266,6 +266,25 @@ def test_the_next_best_photograph_replaces_an_unreadable_one(painted: PaintedWal
     assert [seen[name].unreadable for name in ("D1", "D2")] == [["a.png"], ["a.png"]]  # named on the cards
 
 
+def test_the_caption_of_the_rectified_view_does_not_run_into_the_facts(painted: PaintedWall, tmp_path: Path) -> None:
+    figures: list[Figure] = []
+
+    def keep(contents: CardContents) -> Figure:
+        assert contents.patch is not None
+        hidden = replace(contents.patch, visible=np.zeros_like(contents.patch.visible), cell_m=0.0123)
+        figures.append(draw_card(replace(contents, patch=hidden)))
+        return figures[-1]
+
+    inspection = make_inspection_with_two_views(painted)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("facadelake.reporting.cards.cards.draw_card", keep)
+        draw_cards(inspection, painted.surface, ["D1"], tmp_path, overviews={}, max_observations=1)
+    renderer = figures[0].canvas.get_renderer()  # type: ignore[attr-defined]  # of FigureCanvasAgg
+    boxes = {text.get_text(): text.get_window_extent(renderer) for axes in figures[0].axes for text in axes.texts}
+    (caption,) = (box for text, box in boxes.items() if text.startswith("rectified"))
+    assert caption.x1 < boxes["severity"].x0
+
+
 def test_facts_that_were_not_measured_are_omitted(painted: PaintedWall) -> None:
     inspection = make_inspection(painted, [make_defect_row("D1", 2.0, 1.0, score=0.537)], ["D1"])
     (row,) = inspection.defects.to_pylist()

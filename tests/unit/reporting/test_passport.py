@@ -89,6 +89,12 @@ def test_facts_within_their_limits_are_not_flagged() -> None:
         assert assess_passport(**changes)[0] is FactStatus.GOOD, changes
 
 
+def test_no_doming_has_no_sign_of_minus() -> None:
+    row = CENTIMETRES | {"doming_m": -0.0002}
+    facts = list_passport_facts(row, get_stage_schema("poses").empty_table(), placement_sigma_max_m=0.5)
+    assert [fact.value for fact in facts if fact.name == "doming"] == ["+0 mm ± 8 mm"]
+
+
 def test_summary_of_a_position_with_errors_of_metres() -> None:
     verdict, sentence, facts = assess_passport(
         control="gps", method="the photographs' GPS", sigma_up_m=3.0, sigma_east_m=2.0
