@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import resource
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 from pydantic import TypeAdapter
@@ -41,8 +42,11 @@ def main(job_path: Path) -> int:
 
 def limit_memory(memory_max_bytes: int) -> None:
     """Limit the memory of this process, and let the kernel end it before others where all memory is used."""
-    resource.setrlimit(resource.RLIMIT_DATA, (memory_max_bytes, memory_max_bytes))
-    Path("/proc/self/oom_score_adj").write_text("1000")
+    hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
+    limit = memory_max_bytes if hard == resource.RLIM_INFINITY else min(memory_max_bytes, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+    with suppress(OSError):  # some containers mount /proc read-only
+        Path("/proc/self/oom_score_adj").write_text("1000")
 
 
 def _explain(error: FacadelakeError | MemoryError, path: Path, memory_max_bytes: int) -> FacadelakeError:
