@@ -5,10 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pyarrow as pa
 import pytest
+import trimesh
 
+from facadelake.building.surface import Surface
 from facadelake.core.errors import GeoreferenceError
 from facadelake.georeferencing.gcp.control_points import SurveyedPoints
+from facadelake.georeferencing.model.control import ModelControl
 from schemas.vocabulary import ControlKind, PlacementCheckOutcome, PlacementStatement
 from tests.synthetic.test_georeference import Scene, build_model, build_ring
 
@@ -114,3 +118,28 @@ def test_control_points_in_feet_without_a_model() -> None:
     message = str(raised.value)
     assert "and a geoid height of up to 106 m, as the height datum is unknown)" in message
     assert "heights in feet read as metres (the cameras lie" in message
+
+
+def raise_model(up_m: float) -> ModelControl:
+    """The scene's building as a mesh whose height in the portfolio is wrong, within what buildings have."""
+    box = trimesh.creation.box(bounds=[[-10, -6, up_m], [10, 6, 14 + up_m]])
+    surface = Surface.from_mesh(np.asarray(box.vertices, dtype=float), np.asarray(box.faces, dtype=np.int64))
+    return ModelControl(surface=surface, sigma_m=0.03, ground_site_m=up_m, highest_site_m=14 + up_m)
+
+
+def state_height_datum(photos: pa.Table) -> pa.Table:
+    """The same photographs, their heights ellipsoidal."""
+    field = photos.schema.get_field_index("prior_height_datum")
+    return photos.set_column(field, photos.schema.field(field), [["ellipsoidal"] * 24 + ["unknown"]])
+
+
+@pytest.mark.parametrize("up_m", [3.0, -48.0])
+def test_a_model_at_a_wrong_height_is_contradicted_by_control_points(up_m: float) -> None:
+    with pytest.raises(GeoreferenceError, match=r"tie points lie within 0\.5 m of the faces of the model|in view"):
+        SCENE.georeference(ControlKind.GCP, control_points=SCENE.build_control(), model=raise_model(up_m))
+
+
+@pytest.mark.parametrize("kind", [ControlKind.GPS, ControlKind.MODEL, None])
+def test_a_model_at_a_wrong_height_is_contradicted_by_gps_with_a_datum(kind: ControlKind | None) -> None:
+    with pytest.raises(GeoreferenceError):
+        SCENE.georeference(kind, photos=state_height_datum(SCENE.build_photos()), model=raise_model(48.0))
