@@ -14,6 +14,7 @@ from facadelake.core.tables import read_table, write_table
 from facadelake.georeferencing import SiteFrame
 from facadelake.georeferencing.gcp import read_surveyed_points
 from facadelake.georeferencing.imported import list_pose_files, place_imported_poses, read_poses
+from facadelake.georeferencing.model import build_target_surface
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 
@@ -46,7 +47,7 @@ def import_poses(job: InspectionJob, model: StageResult, photos: StageResult) ->
                 gnss_crs=crs.gnss or GEO,
                 accepted_operation_accuracy_m=crs.accept_operation_accuracy_m,
             ),
-            surface=Surface(building),
+            surface=build_target_surface(building) or Surface(building),
             placement_sigma_max_m=limit_m,
             surveyed=[read_surveyed_points(file) for file in surveyed],
             accepted_statements=accepted,

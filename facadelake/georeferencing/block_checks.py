@@ -57,14 +57,15 @@ def check_block(
     ]
     model = control.model
     if model is not None:
-        checks += check_cameras(adjusted.cameras, model.surface, model.ground_site_m, model.highest_site_m)
+        surface = model.building_surface or model.surface
+        checks += check_cameras(adjusted.cameras, surface, model.ground_site_m, model.highest_site_m)
         state = adjusted.solution.state
         point, origin_site_m = select_points_with_origins(adjusted.tie_points, state)
         checks.append(
             check_tie_points(
                 state.xyz_site_m[point],
                 origin_site_m,
-                model.surface,
+                surface,
                 gps_shift_site_m=np.median(residual_m, axis=0) if len(residual_m) else np.zeros(3),
                 sigma_m=np.hypot(sigma_m, model.sigma_m),
             )

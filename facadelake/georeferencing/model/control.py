@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from facadelake.building import BuildingModel, SurfaceReading
+from facadelake.building import BuildingModel, SurfaceReading, mask_target_elements
 from facadelake.building.surface import ModelEdges, Surface, extract_model_edges
 from facadelake.core.arrays import Float64N, Float64Nx3
 from facadelake.core.camera import PosedCamera
@@ -38,8 +38,9 @@ class ModelControl:
 
     ``sigma_m``: one sigma of the building's deviation from its model; ``ground_site_m``: the model's lowest level,
     where drones take off; ``highest_site_m``: its highest point; ``edges``: None where none are searched, as on a mesh
-    that was itself measured; ``readings``: the surfaces of a mesh whose axis or unit the portfolio leaves open, the one
-    taken first.
+    that was itself measured; ``building_surface``: the surface without terrain, furniture and vehicles, which may stand
+    elsewhere than the building by more than its sigma (None: the surface has none); ``readings``: the surfaces of a
+    mesh whose axis or unit the portfolio leaves open, the one taken first.
     """
 
     surface: RaySurface
@@ -47,6 +48,7 @@ class ModelControl:
     ground_site_m: float
     highest_site_m: float
     edges: ModelEdgeControl | None = None
+    building_surface: RaySurface | None = None
     readings: Sequence[SurfaceReading] = ()
 
 
@@ -78,7 +80,18 @@ def build_model_control(
         ground_site_m=float(building.vertices_site_m[:, 2].min()),
         highest_site_m=float(building.vertices_site_m[:, 2].max()),
         edges=None if measured else _build_edge_control(building, surface, photographs),
+        building_surface=build_target_surface(building),
         readings=readings,
+    )
+
+
+def build_target_surface(building: BuildingModel) -> Surface | None:
+    """The surface of the elements that are parts of the building; None where that is all, or nothing, of the model."""
+    is_target = mask_target_elements(building.elements)[building.element_of_triangle]
+    if is_target.all() or not is_target.any():
+        return None
+    return Surface.from_mesh(
+        building.vertices_site_m, building.triangles[is_target], building.element_of_triangle[is_target]
     )
 
 

@@ -5,11 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pyarrow as pa
 import pytest
+import trimesh
 
+from facadelake.building import BuildingModel
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
+from facadelake.core.geodesy import SiteOrigin
+from facadelake.georeferencing.model.control import build_model_control
 from facadelake.georeferencing.model_checks import check_cameras, check_tie_points, search_model_shift
 from facadelake.georeferencing.placement_checks import (
     PlacementCheck,
@@ -213,6 +218,55 @@ def test_tie_points_decide_where_they_would_leave_the_model_only() -> None:
     along = check_tie_points(xyz, origin, BOX, gps_shift_site_m=np.array([0, 0, 0.6]), sigma_m=SIGMA)
     assert (across.outcome, across.decides) == (AGREES, True)
     assert (along.outcome, along.decides) == (AGREES, False)
+
+
+def build_site_with_terrain(terrain_m: float) -> BuildingModel:
+    """The box as a wall of an IFC, on a terrain model at a height."""
+    box = trimesh.creation.box(bounds=[[-10, -6, 0], [10, 6, 14]])
+    plate = trimesh.creation.box(bounds=[[-60, -60, terrain_m - 1], [60, 60, terrain_m]])
+    return BuildingModel(
+        origin=SiteOrigin(lon_deg=8.4, lat_deg=48.9, height_ellipsoidal_m=180.0),
+        map_crs="EPSG:25832",
+        vertical_datum="ellipsoidal",
+        georeference_level="50",
+        remarks="",
+        vertices_site_m=np.vstack([box.vertices, plate.vertices]),
+        triangles=np.vstack([box.faces, plate.faces + len(box.vertices)]).astype(np.int64),
+        element_of_triangle=np.repeat([0, 1], [len(box.faces), len(plate.faces)]),
+        elements=pa.table({"ifc_class": ["IfcWall", "IfcGeographicElement"]}),
+    )
+
+
+def test_a_coarse_terrain_model_is_no_evidence_about_the_building() -> None:
+    """Photographs from above show more ground than walls; once the terrain, 1.5 m too low, refused the campaign."""
+    model = build_model_control(build_site_with_terrain(-1.5), [], 0.03)
+    walls, eyes = draw_tie_points(NO_SHIFT, 300)
+    random = np.random.default_rng(2)
+    ground = np.column_stack([random.uniform(-25, 25, (900, 2)), random.normal(0, 0.02, 900)])
+    ground = ground[(np.abs(ground[:, :2]) > [11, 7]).any(axis=1)]
+    xyz = np.vstack([walls, ground])
+    origin = np.vstack([eyes, ground * [1.3, 1.3, 0] + [0, 0, 30.0]])
+    assert model.building_surface is not None
+    for moved_m, outcome in ((0.0, AGREES), (48.0, DISAGREES)):
+        moved = np.array([0.0, 0.0, moved_m])
+        found = check_tie_points(
+            xyz + moved, origin + moved, model.building_surface, gps_shift_site_m=-moved, sigma_m=SIGMA
+        )
+        assert found.outcome is outcome
+    with_terrain = check_tie_points(xyz, origin, model.surface, gps_shift_site_m=NO_SHIFT, sigma_m=SIGMA)
+    assert with_terrain.outcome is DISAGREES
+
+
+@pytest.mark.parametrize(("moved_m", "outcome"), [((0, 0, 0), AGREES), ((0, 0, 48), DISAGREES), ((0, 5, 0), DISAGREES)])
+def test_half_of_the_tie_points_on_a_neighbour_that_is_not_in_the_model(
+    moved_m: tuple[float, ...], outcome: PlacementCheckOutcome
+) -> None:
+    xyz, origin = draw_tie_points(NO_SHIFT)
+    scale, offset = np.array([0.8, 1.15, 0.9]), np.array([45.0, 6.0, -1.0])
+    xyz[::2], origin[::2] = scale * xyz[::2] + offset, scale * origin[::2] + offset
+    moved = np.array(moved_m, dtype=float)
+    found = check_tie_points(xyz + moved, origin + moved, BOX, gps_shift_site_m=-moved, sigma_m=SIGMA)
+    assert found.outcome is outcome
 
 
 @pytest.mark.parametrize(
