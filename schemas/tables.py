@@ -12,7 +12,7 @@ import pyarrow as pa
 from schemas.column_type import Column, Kind
 from schemas.columns import COLUMNS
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 RUN_KEYS = ("building_id", "campaign_id", "run_id")
 
 

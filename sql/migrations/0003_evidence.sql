@@ -75,8 +75,3 @@ CREATE TABLE placement_checks (
     deviation_unit          VARCHAR NOT NULL,
     detail                  VARCHAR NOT NULL
 );
-
--- Grades within the error of the crack width, and the part of that error by which a width may be overstated.
-ALTER TABLE defects ADD COLUMN severity_low VARCHAR;
-ALTER TABLE defects ADD COLUMN severity_high VARCHAR;
-ALTER TABLE defects ADD COLUMN crack_width_blur_mm DOUBLE;

@@ -35,8 +35,5 @@ SELECT
         SELECT max(campaigns.photographs_uri)
         FROM lake.campaigns
         WHERE campaigns.building_id = earlier.building_id AND campaigns.campaign_id = earlier.campaign_id
-    ) || '/' || earlier.best_photo_id AS best_photo_uri,
-    NULL::VARCHAR AS severity_low,
-    NULL::VARCHAR AS severity_high,
-    NULL::DOUBLE AS crack_width_blur_mm
+    ) || '/' || earlier.best_photo_id AS best_photo_uri
 FROM {earlier} AS earlier

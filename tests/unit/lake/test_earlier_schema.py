@@ -1,7 +1,7 @@
 """A lake made by an earlier Facadelake is read as it lies, and migrated by the next commit; old versions stay readable.
 
 ``tests/data/lake_schema_1.tar.xz`` was written by the commit before schema version 2: two campaigns of the small
-building, a review of the first, a regrading of the second.
+building, a review of the first, a regrading of the second; ``lake_schema_3.tar.xz`` by the commit before version 4.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from facadelake.lake.read import list_versions, query, read_table
 from schemas.tables import LAKE_TABLES, SCHEMA_VERSION
 from tests.unit.lake.small_campaign import CAMPAIGN, commit
 
-LAKE = Path(__file__).resolve().parents[2] / "data" / "lake_schema_1.tar.xz"
+DATA = Path(__file__).resolve().parents[2] / "data"
 RENAMED = {
     "defects": {"sightings": "photo_count", "position_from": "position_method"},
     "merges": {"apart_m": "separation_m", "apart_sigma": "mahalanobis_distance"},
@@ -31,11 +31,15 @@ RENAMED = {
 }  # fmt: skip
 
 
-@pytest.fixture
-def lake(tmp_path: Path) -> Path:
-    with tarfile.open(LAKE) as archive:
+def extract(tmp_path: Path, schema: int) -> Path:
+    with tarfile.open(DATA / f"lake_schema_{schema}.tar.xz") as archive:
         archive.extractall(tmp_path / "lake", filter="data")
     return tmp_path / "lake"
+
+
+@pytest.fixture
+def lake(tmp_path: Path) -> Path:
+    return extract(tmp_path, 1)
 
 
 def stored(lake: Path, table: str, as_of: int | None = None) -> pa.Table:
@@ -98,3 +102,15 @@ def test_a_lake_of_schema_1_under_a_path_with_a_quote(lake: Path, tmp_path: Path
     moved = tmp_path / "it's"
     lake.rename(moved)
     assert quote_sql_string(moved).count("''") == 1 and len(read_table(moved, "defects")) == 5
+
+
+def test_a_lake_of_schema_3_is_read_and_migrated(tmp_path: Path) -> None:
+    lake = extract(tmp_path, 3)
+    then = {table: read_table(lake, table) for table in LAKE_TABLES}
+    assert all(len(rows) for table, rows in then.items() if table != "reviews")
+    assert then["defects"].column("severity_low").null_count == len(then["defects"])
+    with open_to_read(lake) as connection:
+        assert get_schema_version(connection) == 3
+    assert commit(lake, run_id="run-3", campaign_id="2027-04").changed
+    for table, rows in then.items():
+        assert [r for r in read_table(lake, table).to_pylist() if r["campaign_id"] != "2027-04"] == rows.to_pylist()
