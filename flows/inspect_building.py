@@ -22,7 +22,7 @@ from tasks.draw import draw
 from tasks.georeference import georeference_block
 from tasks.import_detections import import_detections
 from tasks.import_poses import import_poses
-from tasks.ingest import ingest
+from tasks.ingest import ingest, list_ingest_warnings
 from tasks.job import InspectionJob, StageResult, StageResults
 from tasks.load_model import load_model
 from tasks.measure import measure
@@ -102,6 +102,7 @@ def inspect_building(
     else:
         model = load_model(job)
         photos = ingest(job, model)
+    warnings += list_ingest_warnings(photos)
     # A file is imported first, so that an error in it is reported early; a model needs the poses.
     imported = import_detections(job, photos) if isinstance(building.detector, CocoDetectorSetting) else None
     block: StageResult | None = None

@@ -22,6 +22,7 @@ from schemas.vocabulary import (
     PositionMethod,
     PositionSource,
     SurfaceKind,
+    UtcOffset,
     Verdict,
 )
 
@@ -86,7 +87,8 @@ _ALL = [
     text("camera_model", "model of the camera, from EXIF"),
     real("focal_length_mm", "mm", "focal length, from EXIF", 0),
     real("focal_length_35mm_mm", "mm", "35 mm equivalent focal length by the diagonal, from XMP or EXIF", 0),
-    time("taken_at", "capture time from EXIF (camera clock; UTC assumed where no offset is given)"),
+    time("taken_at", "capture time from EXIF (camera clock) in UTC; utc_offset says what tells the clock's offset"),
+    text("utc_offset", "what tells the offset of the camera's clock from UTC; unknown: taken as UTC", UtcOffset),
     text("prior_source", "metadata, or file of the portfolio, that the position prior was read from", PositionSource),
     real("prior_lon_deg", "deg", "longitude of the position prior (WGS 84)", -180, 180),
     real("prior_lat_deg", "deg", "latitude of the position prior (WGS 84)", -90, 90),
@@ -126,10 +128,8 @@ _ALL = [
     real("digital_zoom", "", "factor of the digital zoom, from EXIF or XMP; 1 for none", 1),
     real("exif_focal_length_35mm_mm", "mm", "FocalLengthIn35mmFilm as EXIF states it", 0),
     count("flight", "number of the flight (one body, one take-off, no long gap) within the campaign, from 1", 1),
-    Column(
-        name="rtk_flag", kind=Kind.INTEGER, meaning="RtkFlag of the XMP: 50 fixed, 32 to 49 float, 16 single, 0 none"
-    ),
-    time("captured_at", "time of the observation's photograph (taken_at); null where its clock was not set"),
+    Column(name="rtk_flag", kind=Kind.INTEGER, meaning="RtkFlag of XMP: 50 fixed, 32 to 49 float, 16 single, 0 none"),
+    time("captured_at", "time of the observation's photograph (taken_at, see its utc_offset); null: clock not set"),
     # poses
     text("pose_source", "method of the pose", PoseSource),
     real("qw", "", "site_from_cam as a unit quaternion, real part", -1, 1),

@@ -99,7 +99,7 @@ _LIST = [
         "prior_pitch_deg? prior_roll_deg? prior_sigma_yaw_deg? prior_sigma_tilt_deg? prior_evidence? "
         "prior_focal_px? prior_sigma_focal_px? prior_focal_evidence? prior_calibration? prior_warnings? "
         "camera_serial? lens_model? flight? rtk_flag? image_source? digital_zoom? exif_focal_length_35mm_mm? "
-        "exif_orientation?",
+        "exif_orientation? utc_offset?",
     ),
     _table(
         "poses",

@@ -45,6 +45,15 @@ class PositionSource(StrEnum):
     NONE = "none"
 
 
+class UtcOffset(StrEnum):
+    """What tells the offset of a photograph's clock from UTC; ``unknown``: its time is taken as UTC."""
+
+    STATED = "stated"
+    GPS_TIME = "gps_time"
+    SAME_CAMERA = "same_camera"
+    UNKNOWN = "unknown"
+
+
 class HeightDatum(StrEnum):
     """Datum of a prior height; ``unknown`` is stated, never guessed."""
 

@@ -10,8 +10,13 @@ from prefect import task
 from facadelake.building import check_registered_mesh, read_building
 from facadelake.building.surface import build_horizontal_distance
 from facadelake.core.hashing import hash_file, hash_files
-from facadelake.core.tables import write_table
-from facadelake.photos import find_photographs, ingest_photographs, read_registered_positions
+from facadelake.core.tables import read_table, write_table
+from facadelake.photos import (
+    describe_unknown_offsets,
+    find_photographs,
+    ingest_photographs,
+    read_registered_positions,
+)
 from schemas.vocabulary import PhotoOutcome
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
@@ -51,3 +56,8 @@ def ingest(job: InspectionJob, model: StageResult | None) -> StageResult:
         "use_photographs": list(building.use_photographs),
     }
     return run_stage(job, "ingest", reads={"model": model}, inputs=inputs, make=make)
+
+
+def list_ingest_warnings(photos: StageResult) -> list[str]:
+    """What concerns the campaign's photographs as a whole, for the user."""
+    return [text for text in [describe_unknown_offsets(read_table("photos", photos.folder))] if text]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from fractions import Fraction
 from typing import Any
 
@@ -13,6 +13,7 @@ from PIL.Image import Exif
 
 from facadelake.photos.exif_values import parse_number, parse_positive, parse_text
 from facadelake.photos.gps_block import parse_gps_altitude, parse_gps_angle
+from schemas.vocabulary import UtcOffset
 
 FULL_FRAME_DIAGONAL_MM = math.hypot(36.0, 24.0)
 _MM_PER_UNIT: dict[float, float] = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}  # EXIF FocalPlaneResolutionUnit
@@ -27,7 +28,8 @@ class ExifMetadata:
     focal length times the focal plane resolution, where that refers to the stored size. ``altitude_ref``: 0 and 1 above
     and below sea level, 2 and 3 above and below the ellipsoid (EXIF 3.0). ``position_error_m`` is GPSHPositioningError,
     ``position_step_deg`` the resolution of latitude and longitude as written, ``altitude_step_m`` that of the altitude.
-    ``gps_time`` is the receiver's time.
+    ``gps_time`` is the receiver's time. ``taken_at`` is that of the camera's clock by ``utc_offset_s``, the offset from
+    UTC that EXIF states (None: none, then it is taken as UTC); ``utc_offset`` is set by ``resolve_utc_offsets``.
     ``two_dimensional``: the fix has no measured height. ``void``: the receiver had no fix. ``unsigned_lat_deg`` and
     ``unsigned_lon_deg`` are stated in place of ``lat_deg`` and ``lon_deg`` where the hemisphere is unknown;
     ``position_problem`` says why there is no position although tags of one are there. ``warnings`` says what is damaged
@@ -40,6 +42,8 @@ class ExifMetadata:
     body_serial: str = ""
     lens_model: str = ""
     taken_at: datetime | None = None
+    utc_offset_s: float | None = None
+    utc_offset: UtcOffset | None = None
     gps_time: datetime | None = None
     focal_length_mm: float = math.nan
     focal_length_35mm_mm: float = math.nan
@@ -94,23 +98,45 @@ def _parse_orientation(value: Any) -> int | None:
     return value if isinstance(value, int) and 1 <= value <= 8 else None
 
 
+def _parse_offset(text: str) -> float | None:
+    """The offset from UTC in seconds; None where the text is none."""
+    try:
+        offset = datetime.strptime(text.replace(":", ""), "%z").utcoffset()
+    except ValueError:
+        return None
+    return None if offset is None else offset.total_seconds()
+
+
+def _read_offset(block: dict[int, Any], tags: _TimeTags) -> tuple[float | None, list[str]]:
+    """The offset from UTC of a time, else of the other times, which one clock gave; and a warning where it is none."""
+    warnings: list[str] = []
+    for tag in dict.fromkeys((tags.offset, *(other.offset for other in _TIMES))):
+        text = parse_text(block.get(tag))
+        offset_s = _parse_offset(text)
+        if offset_s is not None:
+            return offset_s, warnings
+        if text.strip(": "):  # blanks: unknown
+            warnings.append(f"EXIF {Base(tag).name} '{text[:20]}' is not an offset of the form +02:00; not used")
+    return None, warnings
+
+
 def _parse_time(block: dict[int, Any], tags: _TimeTags) -> datetime | None:
+    """What the camera's clock showed, as if it were UTC."""
     text = parse_text(block.get(tags.time))
-    offset = parse_text(block.get(tags.offset)).replace(":", "")
     digits = parse_text(block.get(tags.fraction))
     second = Fraction(int(digits), 10 ** len(digits)) if digits.isdecimal() and len(digits) < 10 else Fraction(0)
     try:
-        if offset:
-            taken = datetime.strptime(text + offset, "%Y:%m:%d %H:%M:%S%z").astimezone(UTC)
-        else:
-            taken = datetime.strptime(text, "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
+        taken = datetime.strptime(text, "%Y:%m:%d %H:%M:%S").replace(tzinfo=UTC)
     except (ValueError, OverflowError):
         return None
     return taken.replace(microsecond=int(second * 10**6))
 
 
-def _read_time(block: dict[int, Any]) -> tuple[datetime | None, list[str]]:
-    """The time of exposure by the first readable of EXIF's times, and warnings where that is not DateTimeOriginal."""
+def _read_time(block: dict[int, Any]) -> tuple[datetime | None, float | None, list[str]]:
+    """The time of exposure by the first readable of EXIF's times, its offset from UTC (s), and warnings.
+
+    A warning says where the time is not DateTimeOriginal.
+    """
     warnings: list[str] = []
     for tags in _TIMES:
         taken = _parse_time(block, tags)
@@ -119,11 +145,15 @@ def _read_time(block: dict[int, Any]) -> tuple[datetime | None, list[str]]:
                 warnings.append("the time is EXIF DateTime, that of the last change, as there is no DateTimeOriginal")
             elif tags.name != "DateTimeOriginal":
                 warnings.append(f"the time is EXIF {tags.name}, as there is no DateTimeOriginal")
-            return taken, warnings
+            offset_s, of_offset = _read_offset(block, tags)
+            try:
+                return taken - timedelta(seconds=offset_s or 0.0), offset_s, [*warnings, *of_offset]
+            except OverflowError:  # in the first or last year that there is
+                return taken, None, [*warnings, *of_offset]
         text = parse_text(block.get(tags.time))
         if text.strip(": 0"):  # blanks or zeros: unknown
             warnings.append(f"EXIF {tags.name} '{text[:30]}' is not a time of the form 2026:04:14 10:00:05; not used")
-    return None, warnings
+    return None, None, warnings
 
 
 def _parse_gps_time(gps: dict[int, Any]) -> datetime | None:
@@ -176,7 +206,7 @@ def read_exif(exif: Exif, *, width_px: int) -> ExifMetadata:
     altitude = parse_gps_altitude(gps.get(GPS.GPSAltitude), gps.get(GPS.GPSAltitudeRef))
     has_position = GPS.GPSLatitude in gps or GPS.GPSLongitude in gps
     unsigned = [math.isnan(angle.angle_deg) and math.isfinite(angle.magnitude_deg) for angle in (lat, lon)]
-    taken_at, time_warnings = _read_time(head | block)
+    taken_at, utc_offset_s, time_warnings = _read_time(head | block)
     return ExifMetadata(
         orientation=_parse_orientation(head.get(Base.Orientation)),
         make=parse_text(head.get(Base.Make)),
@@ -184,6 +214,7 @@ def read_exif(exif: Exif, *, width_px: int) -> ExifMetadata:
         body_serial=parse_text(block.get(Base.BodySerialNumber)),
         lens_model=parse_text(block.get(Base.LensModel)),
         taken_at=taken_at,
+        utc_offset_s=utc_offset_s,
         gps_time=_parse_gps_time(gps),
         focal_length_mm=parse_positive(block.get(Base.FocalLength)),
         focal_length_35mm_mm=parse_positive(block.get(Base.FocalLengthIn35mmFilm)),

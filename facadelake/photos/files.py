@@ -7,10 +7,13 @@ well. Black pixels of a mask are not used.
 
 from __future__ import annotations
 
+import posixpath
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from facadelake.core.errors import InputDataError
+from facadelake.core.photo_names import PhotoNames
 
 FORMATS_BY_SUFFIX: dict[str, frozenset[str]] = {
     # DJI and others write MPO into .JPG files where a preview follows the photograph.
@@ -114,24 +117,56 @@ def _starts_like_picture(path: Path) -> bool:
 def pair_masks(paths: Iterable[Path], root: Path) -> Mapping[Path, Path]:
     """The mask of each photograph that has one, among image files ``paths`` below ``root``.
 
-    A file that is named like a mask counts as a photograph where the photograph of that mask does not exist.
+    A file that is named like a mask counts as a photograph where the photograph of that mask does not exist, or several
+    match: see ``explain_unused_masks``.
     """
-    files = sorted(paths)
-    by_name = {path.relative_to(root).as_posix(): path for path in files}
-    by_stem: dict[str, list[Path]] = {}
-    for path in files:
-        by_stem.setdefault(path.relative_to(root).with_suffix("").as_posix(), []).append(path)
-    found: dict[Path, Path] = {}
-    for path in files:
-        name = path.relative_to(root)
-        stem = name.with_suffix("").as_posix()
-        if name.parts[0] == _MASK_FOLDER and path.suffix.lower() == ".png":
-            masked = stem.removeprefix(f"{_MASK_FOLDER}/")
-            photographs = [by_name[masked]] if masked in by_name else by_stem.get(masked, [])
-        elif stem.endswith(_MASK_SUFFIX):
-            photographs = by_stem.get(stem.removesuffix(_MASK_SUFFIX), [])
-        else:
+    return {photograph: mask for mask, match in _match_masks(paths, root).items() for photograph in match.photographs}
+
+
+def explain_unused_masks(root: Path) -> dict[Path, str]:
+    """Files below ``root`` that are named like masks and belong to no photograph, with the reason."""
+    return {
+        mask: f"named like a mask, and used as a photograph: {match.reason}; rename it, or delete it"
+        for mask, match in _match_masks(_list_images(root), root).items()
+        if not match.photographs
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class _MaskMatch:
+    """The photographs of a mask (those of one name and several suffixes), or why there is none."""
+
+    photographs: tuple[Path, ...] = ()
+    reason: str = ""
+
+
+def _match_masks(paths: Iterable[Path], root: Path) -> Mapping[Path, _MaskMatch]:
+    """What becomes of each file that is named like a mask."""
+    files = {path.relative_to(root).as_posix(): path for path in sorted(paths)}
+    masked = {key: name for key in files if (name := _name_masked(key))}
+    names = PhotoNames(key for key in files if key not in masked)
+    found: dict[Path, _MaskMatch] = {}
+    taken: set[str] = set()
+    for key, name in masked.items():
+        match = names.match(name)
+        candidates = (match.photo_id,) if match.photo_id else match.candidates
+        in_folder = {photo_id.rpartition("/")[0] for photo_id in candidates}
+        beside = not key.lower().startswith(f"{_MASK_FOLDER}/")
+        reason = match.reason
+        if beside and in_folder and in_folder != {key.rpartition("/")[0]}:
+            reason = f"'{name}' is not beside it; {candidates[0]} is in another folder"
+        elif len(in_folder) == 1:
+            new = tuple(files[one] for one in candidates if one not in taken)
+            taken.update(candidates)
+            found[files[key]] = _MaskMatch(photographs=new, reason="" if new else f"'{name}' has another mask")
             continue
-        for photograph in photographs:
-            found.setdefault(photograph, path)
+        found[files[key]] = _MaskMatch(reason=reason)
     return found
+
+
+def _name_masked(key: str) -> str:
+    """The name of the photograph that a file of this name may be the mask of; empty for other names."""
+    stem, suffix = posixpath.splitext(key)
+    if key.lower().startswith(f"{_MASK_FOLDER}/") and suffix.lower() == ".png":
+        return stem[len(_MASK_FOLDER) + 1 :]
+    return stem[: -len(_MASK_SUFFIX)] if stem.lower().endswith(_MASK_SUFFIX) else ""

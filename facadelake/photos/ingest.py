@@ -16,12 +16,13 @@ from facadelake.core.progress import track
 from facadelake.core.tables import Row, table_from_rows
 from facadelake.photos.clock import is_clock_set
 from facadelake.photos.exif import FULL_FRAME_DIAGONAL_MM
-from facadelake.photos.files import find_photographs
+from facadelake.photos.files import explain_unused_masks, find_photographs
 from facadelake.photos.picture_kinds import KeptOut, find_kept_out
 from facadelake.photos.positions_file.matching import match_positions
 from facadelake.photos.positions_file.table import PositionFile
 from facadelake.photos.priors import PhotoMetadata, PhotoPriors, assign_to_flights, derive_priors
 from facadelake.photos.read import Photo, read_photos
+from facadelake.photos.utc_offset import resolve_utc_offsets
 from schemas.vocabulary import HeightDatum, PhotoOutcome, PhotoRole, PositionSource
 
 
@@ -153,6 +154,7 @@ def _build_row(photo_id: str, photo: Photo, role: PhotoRole, priors: PhotoPriors
         "focal_length_mm": _finite_or_none(exif.focal_length_mm),
         "focal_length_35mm_mm": _finite_or_none(focal.px * FULL_FRAME_DIAGONAL_MM / diagonal_px),
         "taken_at": exif.taken_at if is_clock_set(exif.taken_at) else None,
+        "utc_offset": exif.utc_offset,
         "prior_source": position.source,
         "prior_lon_deg": _finite_or_none(position.lon_deg),
         "prior_lat_deg": _finite_or_none(position.lat_deg),
@@ -213,6 +215,10 @@ def ingest_photographs(
         photo.path.relative_to(root).as_posix(): photo
         for photo in track(read_photos(paths), label="Reading photographs", total=len(paths))
     }
+    for path, reason in explain_unused_masks(root).items():
+        photo = photos[path.relative_to(root).as_posix()]
+        photos[path.relative_to(root).as_posix()] = replace(photo, metadata_warnings=(*photo.metadata_warnings, reason))
+    photos = resolve_utc_offsets(photos)
     campaign = _derive_priors(photos, distance_to_model_m, positions, used_kinds)
     roles = _assign_roles(list(photos), campaign.priors, distance_to_model_m, close_range_below_m)
     rows = [

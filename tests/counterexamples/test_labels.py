@@ -164,3 +164,49 @@ def test_photographs_of_other_colours_keep_their_size(tmp_path: Path, mode: str)
     assert boxes(labelled) == [(10, 20, 30, 40)]
     decoded = cv2.imread(str(labelled.images[0].path), cv2.IMREAD_COLOR)
     assert decoded is not None and decoded.shape == (HEIGHT, WIDTH, 3)
+
+
+def yolo_files(folder: Path, photographs: tuple[str, ...], labels: tuple[str, ...]) -> LabelledSet:
+    """YOLO data with photographs and text files of these names, one box in each."""
+    for name in photographs:
+        picture(folder / name)
+    for name in labels:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text("0 0.5 0.5 0.2 0.2\n")
+    (folder / "data.yaml").write_text("names: [crack]\n")
+    return open_labels(folder, CROSSWALK, label_format=LabelFormat.YOLO)
+
+
+@pytest.mark.parametrize(
+    ("photograph", "label"),
+    [
+        ("images/IMG_1.JPG", "labels/img_1.txt"),
+        ("Images/train/IMG_1.JPG", "labels/train/IMG_1.TXT"),
+        ("train/images/a.b.jpg", "train/labels/a.b.txt"),
+        ("a.jpg", "labels/a.txt"),
+    ],
+)
+def test_yolo_labels_match_as_all_names_of_photographs_do(photograph: str, label: str, tmp_path: Path) -> None:
+    """Paths were compared letter by letter: such a photograph counted as free of defects."""
+    labelled = yolo_files(tmp_path, (photograph,), (label,))
+    assert [len(image.boxes) for image in labelled.images] == [1]
+    assert labelled.left_out == {}
+
+
+def test_yolo_labels_that_several_photographs_match_are_not_taken_for_both(tmp_path: Path) -> None:
+    labelled = yolo_files(tmp_path, ("images/a.jpg", "images/a.png", "images/b.jpg"), ("labels/a.txt", "labels/b.txt"))
+    assert [image.key for image in labelled.images] == ["images/b.jpg"]
+    assert labelled.left_out == {
+        "photographs with several text files, or whose text file matches several photographs": 2
+    }
+
+
+def test_yolo_labels_beside_and_in_the_folder_of_labels_are_ambiguous(tmp_path: Path) -> None:
+    labelled = yolo_files(tmp_path, ("images/a.jpg", "images/b.jpg"), ("labels/a.txt", "images/a.txt", "labels/b.txt"))
+    assert [image.key for image in labelled.images] == ["images/b.jpg"]
+
+
+def test_yolo_labels_of_no_photograph_are_counted(tmp_path: Path) -> None:
+    labelled = yolo_files(tmp_path, ("images/a.jpg",), ("labels/a.txt", "labels/lost.txt"))
+    (tmp_path / "README.txt").write_text("a data set\n")
+    assert labelled.left_out == {"text files of labels whose photograph does not exist": 1}

@@ -39,7 +39,7 @@ from facadelake.reporting.page.html import (
 from facadelake.reporting.page.passport import render_passport
 from facadelake.reporting.passport.facts import format_length
 from facadelake.reporting.plan import draw_plan
-from schemas.vocabulary import PhotoOutcome
+from schemas.vocabulary import PhotoOutcome, UtcOffset
 
 _OVERLAY = (
     "Projected model edges, detections by outcome, and registered defects. Where model edges and building differ, the "
@@ -128,6 +128,8 @@ def _format_subtitle(inspection: Inspection) -> str:
     when = f"photographed {min(times):%Y-%m-%d}" if times else "date of photographs unknown"
     if times and max(times).date() != min(times).date():
         when += f" to {max(times):%Y-%m-%d}"
+    if UtcOffset.UNKNOWN in inspection.photos.column("utc_offset").to_pylist():
+        when += " by a clock of unknown offset from UTC"
     return f"Facade inspection · {when} · georeferenced by {inspection.control}"
 
 

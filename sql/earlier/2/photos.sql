@@ -5,5 +5,6 @@ SELECT
     NULL::VARCHAR AS image_source,
     NULL::DOUBLE AS digital_zoom,
     NULL::DOUBLE AS exif_focal_length_35mm_mm,
-    NULL::BIGINT AS exif_orientation
+    NULL::BIGINT AS exif_orientation,
+    NULL::VARCHAR AS utc_offset
 FROM {earlier}

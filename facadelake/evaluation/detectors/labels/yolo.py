@@ -4,13 +4,15 @@ height from 0 to 1."""
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from facadelake.core.errors import InputDataError
+from facadelake.core.photo_names import PhotoNames
 from facadelake.detection import Box, Crosswalk
 from facadelake.detection.inference import read_exif_orientation
 from facadelake.evaluation.detectors.labels.labels import LabelCollector, LabelledSet, TruthBox, find_photographs
@@ -19,14 +21,16 @@ from facadelake.evaluation.detectors.labels.labels import LabelCollector, Labell
 _EXIF_ROTATED = (
     "photographs with an EXIF rotation (YOLO does not define the view of its coordinates; store them upright)"
 )
+_SEVERAL = "photographs with several text files, or whose text file matches several photographs"
 _NAME_FILES = ("data.yaml", "data.yml", "dataset.yaml", "classes.txt", "obj.names", "labels/classes.txt")
 
 
 def read_yolo_labels(folder: Path, crosswalk: Crosswalk, class_names: Sequence[str], split: str | None) -> LabelledSet:
     """Read the photographs below ``folder`` with their text files, beside them or in ``labels`` for ``images``.
 
-    A line of polygon points is its bounding box. A photograph without a text file is free of defects, as for YOLO's
-    trainers, and counted. One with labels and an EXIF rotation is left out.
+    A line of polygon points is its bounding box. Text files name photographs as all other files do: case does not
+    matter, and one that several photographs match leaves them out. A photograph without a text file is free of defects,
+    as for YOLO's trainers, and counted. One with labels and an EXIF rotation is left out.
 
     Args:
         folder: The data folder.
@@ -43,18 +47,22 @@ def read_yolo_labels(folder: Path, crosswalk: Crosswalk, class_names: Sequence[s
     labelled = frozenset(one for one in classes if one is not None)
     paths = find_photographs(folder)
     in_split = [path for path in paths if split in path.relative_to(folder).parts[:-1]]
+    text_files = _match_text_files(folder, paths, collector)
     without = 0
     for path in in_split or paths:
         size = collector.read_size(path)
         if size is None:
             continue
-        text_file = _find_text_file(path, folder)
+        files = text_files.get(path, ())
         lines: list[str] = []
-        if text_file is None:
+        if len(files) > 1:
+            collector.left_out[_SEVERAL] += 1
+            continue
+        if not files:
             without += 1
         else:
             try:
-                lines = text_file.read_text(encoding="utf-8-sig").splitlines()
+                lines = files[0].read_text(encoding="utf-8-sig").splitlines()
             except (OSError, UnicodeDecodeError):
                 collector.left_out["photographs whose text file cannot be read"] += 1
                 continue
@@ -82,18 +90,52 @@ def read_yolo_labels(folder: Path, crosswalk: Crosswalk, class_names: Sequence[s
     return collector.create_set("yolo")
 
 
-def _find_text_file(photograph: Path, folder: Path) -> Path | None:
-    """The text file beside a photograph, or in the corresponding folder of ``labels``."""
-    path = photograph.with_suffix(".txt")
-    if path.is_file():
-        return path
-    parts = list(photograph.relative_to(folder).parts)
-    for i in reversed(range(len(parts) - 1)):
-        if parts[i].lower() == "images":
-            path = folder.joinpath(*parts[:i], "labels", *parts[i + 1 :]).with_suffix(".txt")
-            return path if path.is_file() else None
-    path = (folder / "labels").joinpath(*parts).with_suffix(".txt")
-    return path if path.is_file() else None
+def _match_text_files(
+    folder: Path, paths: Sequence[Path], collector: LabelCollector
+) -> Mapping[Path, tuple[Path, ...]]:
+    """The text files of each photograph that has one; two entries where it is not clear which one.
+
+    Args:
+        folder: The data folder.
+        paths: The photographs.
+        collector: Counts labels of no photograph.
+    """
+    by_key = {path.relative_to(folder).as_posix(): path for path in paths}
+    names = PhotoNames(by_key)
+    files: dict[str, list[Path]] = defaultdict(list)
+    for file in sorted(folder.rglob("*")):
+        if file.suffix.lower() == ".txt" and file.is_file() and file.name.lower() != "classes.txt":
+            files[_name_photograph(file.relative_to(folder))].append(file)
+    found: dict[Path, tuple[Path, ...]] = {}
+    for name, match in names.match_all(files).items():
+        # A name that is ambiguous among the others matches a photograph by itself.
+        alone = names.match(name)
+        keys = [key for key in (match.photo_id,) if key] or [*match.candidates, *filter(None, [alone.photo_id])]
+        for key in keys:
+            found[by_key[key]] = (*found.get(by_key[key], ()), *files[name], *([] if match.photo_id else files[name]))
+        if not keys:
+            collector.left_out["text files of labels whose photograph does not exist"] += sum(
+                map(_has_boxes, files[name])
+            )
+    return found
+
+
+def _name_photograph(file: Path) -> str:
+    """The name of a text file's photograph, without suffix: beside it, or in ``images`` for ``labels``."""
+    parts = list(file.with_suffix("").parts)
+    at = next((i for i in reversed(range(len(parts) - 1)) if parts[i].lower() == "labels"), None)
+    if at is not None:
+        parts[at] = "images"
+    return "/".join(parts)
+
+
+def _has_boxes(file: Path) -> bool:
+    """Whether the first line of a text file is a box: there are other text files in such folders."""
+    try:
+        lines = file.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError):
+        return False
+    return bool(lines) and _parse_line(lines[0], (1, 1))[1] is not None
 
 
 def _parse_line(line: str, size: tuple[int, int]) -> tuple[int | None, Box | None]:
