@@ -15,6 +15,7 @@ import shapely.affinity
 
 from facadelake.detection.boxes import ROUNDING_PX, Box
 from facadelake.detection.coco.coco_file import CocoFile, CocoImage, parse_box_values
+from facadelake.detection.coco.unstated_size import find_boxes_of_another_size
 from facadelake.registry import ExifView
 
 AS_STORED = 1
@@ -82,8 +83,9 @@ def find_views(
         exif_view: The view of the boxes of photographs that EXIF turns; None: as the sizes in the file tell.
     """
     contradiction = "" if exif_view else _find_contradiction(coco, photographs)
+    unlike = find_boxes_of_another_size(coco, photographs)
     return {
-        image_id: _find_view(coco.images[image_id], photograph, exif_view, contradiction)
+        image_id: unlike.get(image_id) or _find_view(coco.images[image_id], photograph, exif_view, contradiction)
         for image_id, photograph in photographs.items()
     }
 

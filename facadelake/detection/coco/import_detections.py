@@ -22,6 +22,7 @@ from facadelake.detection.coco.annotation_shape import AnnotationShape, parse_sh
 from facadelake.detection.coco.coco_file import CocoAnnotation, CocoFile, CocoImage, parse_number, read_coco
 from facadelake.detection.coco.exif_view import AS_STORED, BoxView, StoredImage, find_views
 from facadelake.detection.coco.mask import fit_mask
+from facadelake.detection.coco.unstated_size import is_size_stated, refuse_boxes_of_smaller_copies
 from facadelake.detection.crosswalk import Crosswalk, build_crosswalk
 from facadelake.registry import ExifView
 from schemas.vocabulary import DetectionOutcome, PhotoOutcome
@@ -41,12 +42,13 @@ class _BoxDecision:
 @dataclass(frozen=True, kw_only=True)
 class _MatchedPhotograph:
     """The photograph that an image of the file is, with its size and the view of its boxes, or the outcome of all of
-    them."""
+    them; ``remark`` goes to the reason of each box."""
 
     photo_id: str
     decision: _BoxDecision = field(default_factory=_BoxDecision)
     stored: StoredImage | None = None
     view: BoxView = field(default_factory=BoxView)
+    remark: str = ""
 
 
 def import_coco(
@@ -92,7 +94,8 @@ def import_coco(
         columns: dict[str, Any] = {}
         if decision.outcome is DetectionOutcome.ACCEPTED and box is not None:
             columns, remarks = _parse_mask_and_width(annotation, shape, box)
-            decision = replace(decision, reason="; ".join(filter(None, [decision.reason, *remarks])) or None)
+            reasons = filter(None, [decision.reason, photograph.remark, *remarks])
+            decision = replace(decision, reason="; ".join(reasons) or None)
         rows.append(
             {
                 "detection_id": f"{photograph.photo_id}#{annotation.annotation_id}",
@@ -124,6 +127,7 @@ def _match_images(
         image_id: _match_image(image, matches[image.file_name], rows) for image_id, image in coco.images.items()
     }
     stored = {image_id: photo.stored for image_id, photo in photographs.items() if photo.stored is not None}
+    refuse_boxes_of_smaller_copies(coco, stored)
     for image_id, view in find_views(coco, stored, exif_view).items():
         photographs[image_id] = (
             replace(photographs[image_id], decision=_BoxDecision(outcome=DetectionOutcome.BAD_BOX, reason=view))
@@ -153,7 +157,8 @@ def _match_image(image: CocoImage, match: NameMatch, photos: Mapping[str, Mappin
         return _MatchedPhotograph(photo_id=match.photo_id)
     orientation = photo["exif_orientation"] or AS_STORED
     stored = StoredImage(width_px=width, height_px=height, orientation=orientation)
-    return _MatchedPhotograph(photo_id=match.photo_id, stored=stored)
+    remark = "" if is_size_stated(image) else f"the file states no size of its image; taken as {width} x {height} px"
+    return _MatchedPhotograph(photo_id=match.photo_id, stored=stored, remark=remark)
 
 
 def _columns_from_box(box: Box) -> dict[str, float]:

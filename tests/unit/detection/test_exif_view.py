@@ -128,6 +128,6 @@ def test_a_box_outside_the_stated_size_that_fits_as_displayed_puts_all_in_doubt(
 def test_a_photograph_that_exif_does_not_turn_is_as_before(tmp_path: Path) -> None:
     for orientation in (None, 1):
         (row,) = import_coco(
-            write(tmp_path, None, {"bbox": [1, 2, 3, 4]}), make_photos(orientation), class_names={}
+            write(tmp_path, (WIDTH, HEIGHT), {"bbox": [1, 2, 3, 4]}), make_photos(orientation), class_names={}
         ).to_pylist()
         assert (get_box(row), row["reason"]) == ([1, 2, 3, 4], None)
