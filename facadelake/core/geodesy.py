@@ -29,9 +29,12 @@ from facadelake.core.proj.crs import (
     parse_crs,
     promote_to_3d,
 )
-from facadelake.core.proj.operations import PlacedOperation, place_operation
+from facadelake.core.proj.operations import METRES_PER_DEGREE, PlacedOperation, place_operation
 
 SITE_AXES = ("east", "north", "up")
+# An inverse is improved until round trips return to this, or so many times.
+_INVERSE_EXACT_M = 1e-5
+_INVERSE_STEPS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,8 +199,31 @@ def _apply(points: Float64Nx3, source: str, target: str, lon_deg: float, lat_deg
     Returns:
         the points (n, 3).
     """
-    operation = find_operation(source, target, lon_deg=lon_deg, lat_deg=lat_deg)
-    return _require_finite(operation.transformer.transform(*points.T), points, source, target)
+    place = {"lon_deg": lon_deg, "lat_deg": lat_deg}
+    operation = find_operation(source, target, **place)
+    out = _require_finite(operation.transformer.transform(*points.T), points, source, target)
+    if not operation.is_inverse:
+        return out
+    defined = find_operation(target, source, **place)
+    if not defined.is_inverse_of(operation):
+        return out
+    # PROJ inverts a Helmert transformation by changing its signs, which is off by up to decimetres where rotations are
+    # large: round trips would not return. The inverse is that of the operation as EPSG defines it.
+    given = points
+    for _ in range(_INVERSE_STEPS):
+        missed = points - _require_finite(defined.transformer.transform(*out.T), out, target, source)
+        if _measure_largest_m(missed[:, :2], source) < _INVERSE_EXACT_M:
+            break
+        given = given + missed
+        out = _require_finite(operation.transformer.transform(*given.T), given, source, target)
+    return out
+
+
+def _measure_largest_m(steps: Float64Array, crs: str) -> float:
+    """Length in metres of the largest of small steps (n, 2) in a CRS."""
+    horizontal = get_horizontal_crs(crs)
+    metres = METRES_PER_DEGREE if horizontal.is_geographic else horizontal.axis_info[0].unit_conversion_factor
+    return float(np.abs(steps).max()) * metres
 
 
 @lru_cache(maxsize=2)

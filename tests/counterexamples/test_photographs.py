@@ -220,7 +220,7 @@ def test_boxes_on_a_refused_photograph_are_rows_and_the_others_go_on(tmp_path: P
     boxes.write_text(
         json.dumps(
             {
-                "images": [{"id": i, "file_name": name} for i, name in enumerate(names)],
+                "images": [{"id": i, "file_name": name, "width": 64, "height": 48} for i, name in enumerate(names)],
                 "categories": [{"id": 1, "name": "crack"}],
                 "annotations": [{"id": i, "image_id": i, "category_id": 1, "bbox": [1, 2, 3, 4]} for i in range(3)],
             }

@@ -25,7 +25,8 @@ use_installed_grids()
 # Operations whose accuracy PROJ does not know are mostly early shifts by three parameters; of those with a stated
 # accuracy, nine in ten state 25 m or better.
 UNKNOWN_ACCURACY_M = 25.0
-_METRES_PER_DEGREE = 111_320.0
+METRES_PER_DEGREE = 111_320.0
+_INVERSE = "Inverse of "
 # EPSG states 1 to 2 m between WGS 84 and ETRS89, NAD83(2011) and their like.
 _MODERN_ACCURACY_M = 2.0
 
@@ -61,6 +62,16 @@ class PlacedOperation:
     def sigma_m(self) -> float:
         """One sigma of each axis: the stated accuracy, at least the ambiguity; 25 m where PROJ states none."""
         return max(UNKNOWN_ACCURACY_M if self.accuracy_m is None else self.accuracy_m, self.ambiguity_m)
+
+    @property
+    def is_inverse(self) -> bool:
+        """Whether all of its steps are inverses of operations as EPSG defines them."""
+        return all(step.startswith(_INVERSE) for step in self.name.split(" + "))
+
+    def is_inverse_of(self, other: PlacedOperation) -> bool:
+        """Whether it has the steps of the other one, backwards."""
+        steps, others = ([step.removeprefix(_INVERSE) for step in one.name.split(" + ")] for one in (self, other))
+        return steps == others[::-1]
 
     def describe(self) -> str:
         """The operation and its accuracy in words."""
@@ -228,7 +239,7 @@ def _measure_ambiguity(
         return 0.0
     x, y = (lon_deg, lat_deg) if horizontal.is_geographic else pyproj.Proj(horizontal)(lon_deg, lat_deg)
     target = best.target_crs
-    steps_m = np.array([_METRES_PER_DEGREE * math.cos(math.radians(lat_deg)), _METRES_PER_DEGREE])
+    steps_m = np.array([METRES_PER_DEGREE * math.cos(math.radians(lat_deg)), METRES_PER_DEGREE])
     if target is not None and not target.is_geographic:
         steps_m = np.array([axis.unit_conversion_factor for axis in target.axis_info[:2]])
     results = np.array([one.transform(x, y, 0.0)[:2] for one in (best, *others)])

@@ -187,3 +187,26 @@ def test_heights_without_an_operation_are_not_to_be_renamed_ellipsoidal() -> Non
     assert str(raised.value).endswith(
         ": PROJ knows none whose area of use contains the place; check the CRS and the vertical datum"
     )
+
+
+@pytest.mark.parametrize(
+    ("crs", "place"),
+    [
+        ("EPSG:3912", (14.5, 46.05)),  # MGI 1901 / Slovene National Grid: 7 mm
+        ("EPSG:8352", (17.1, 48.15)),  # S-JTSK [JTSK03] / Krovak: 5 mm
+        ("EPSG:24200", (-76.8, 18.0)),  # JAD69 / Jamaica National Grid: 5 mm
+        ("EPSG:3019", (12.0, 57.7)),  # RT90: 3 mm
+        ("EPSG:3303", (-138.6, -10.5)),  # Fatu Iva 72 / UTM zone 7S: 217 mm
+        ("EPSG:25832", (8.4, 48.9)),
+        ("EPSG:2056", (7.4, 46.9)),
+    ],
+)
+def test_round_trips_return_to_a_tenth_of_a_millimetre(crs: str, place: tuple[float, float]) -> None:
+    """PROJ inverts a Helmert transformation by its signs alone, off by what the comments say."""
+    there = transform(np.array([[*place, 100.0], [place[0] + 0.001, place[1] + 0.001, 900.0]]), GEO, crs)
+    back = transform(transform(there, crs, GEO), GEO, crs)
+    np.testing.assert_allclose(back, there, rtol=0, atol=1e-4)  # m
+    geo = transform(there, crs, GEO)
+    again = transform(transform(geo, GEO, crs), crs, GEO)
+    np.testing.assert_allclose(again[:, :2], geo[:, :2], rtol=0, atol=1e-9)  # deg, 0.1 mm
+    np.testing.assert_allclose(again[:, 2], geo[:, 2], rtol=0, atol=1e-4)  # m
