@@ -62,9 +62,6 @@ ALTER TABLE georeference ADD COLUMN control_operation_sigma_m DOUBLE;
 -- How EXIF turns a photograph.
 ALTER TABLE photos ADD COLUMN exif_orientation BIGINT;
 
--- What tells the offset of a photograph's clock from UTC; unknown of what is in the lake already.
-ALTER TABLE photos ADD COLUMN utc_offset VARCHAR;
-
 -- placement_checks: one row per statement about the campaign's place
 CREATE TABLE placement_checks (
     building_id             VARCHAR NOT NULL,

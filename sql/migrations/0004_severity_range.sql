@@ -3,3 +3,6 @@
 ALTER TABLE defects ADD COLUMN severity_low VARCHAR;
 ALTER TABLE defects ADD COLUMN severity_high VARCHAR;
 ALTER TABLE defects ADD COLUMN crack_width_blur_mm DOUBLE;
+
+-- What tells the offset of a photograph's clock from UTC; null for what is in the lake already.
+ALTER TABLE photos ADD COLUMN utc_offset VARCHAR;

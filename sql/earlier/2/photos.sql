@@ -5,6 +5,5 @@ SELECT
     NULL::VARCHAR AS image_source,
     NULL::DOUBLE AS digital_zoom,
     NULL::DOUBLE AS exif_focal_length_35mm_mm,
-    NULL::BIGINT AS exif_orientation,
-    NULL::VARCHAR AS utc_offset
+    NULL::BIGINT AS exif_orientation
 FROM {earlier}
