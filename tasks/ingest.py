@@ -42,6 +42,7 @@ def ingest(job: InspectionJob, model: StageResult | None) -> StageResult:
             close_range_below_m=close_range_below_m,
             positions=read_registered_positions(building, campaign_id),
             used_kinds=[PhotoOutcome(kind) for kind in building.use_photographs],
+            gnss_crs=building.crs.gnss,
         )
         check_registered_mesh(building, photos)
         write_table("photos", photos, folder)
@@ -54,6 +55,7 @@ def ingest(job: InspectionJob, model: StageResult | None) -> StageResult:
         "position_file": [position_file.name, hash_file(position_file)] if position_file else None,
         "close_range_below_m": close_range_below_m,
         "use_photographs": list(building.use_photographs),
+        "gnss": building.crs.gnss,
     }
     return run_stage(job, "ingest", reads={"model": model}, inputs=inputs, make=make)
 

@@ -179,6 +179,10 @@ def _build_row(photo_id: str, photo: Photo, role: PhotoRole, priors: PhotoPriors
     }
 
 
+def _drop_map_datum(photo: Photo) -> Photo:
+    return replace(photo, exif=replace(photo.exif, map_datum="")) if photo.exif else photo
+
+
 def ingest_photographs(
     root: Path,
     *,
@@ -186,6 +190,7 @@ def ingest_photographs(
     close_range_below_m: float,
     positions: PositionSource | PositionFile | None = None,
     used_kinds: Collection[PhotoOutcome] = (),
+    gnss_crs: str | None = None,
 ) -> pa.Table:
     """Table `photos` of all files below ``root``.
 
@@ -199,6 +204,7 @@ def ingest_photographs(
         close_range_below_m: photographs nearer than this are close-range, metres.
         positions: which positions count: those of XMP, of EXIF or of a file; None: XMP, else EXIF.
         used_kinds: kinds of photographs to use that are kept out of the block by default.
+        gnss_crs: CRS of the positions by the portfolio, which counts before EXIF GPSMapDatum; None: not named.
 
     Returns:
         One row for each file, also for those that cannot be read, are kept out of the block, and for duplicates.
@@ -219,6 +225,8 @@ def ingest_photographs(
         photo = photos[path.relative_to(root).as_posix()]
         photos[path.relative_to(root).as_posix()] = replace(photo, metadata_warnings=(*photo.metadata_warnings, reason))
     photos = resolve_utc_offsets(photos)
+    if gnss_crs is not None:
+        photos = {photo_id: _drop_map_datum(photo) for photo_id, photo in photos.items()}
     campaign = _derive_priors(photos, distance_to_model_m, positions, used_kinds)
     roles = _assign_roles(list(photos), campaign.priors, distance_to_model_m, close_range_below_m)
     rows = [

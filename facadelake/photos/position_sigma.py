@@ -34,6 +34,12 @@ SIGMA_HANDHELD = PositionSigma(horizontal_m=5.0, vertical_m=10.0)
 _RANGE_ERROR_M = 3.0
 # A two-dimensional fix has an assumed height; a void fix has no satellites.
 _SIGMA_NOT_MEASURED_M = 50.0
+_SIGMA_OTHER_DATUM_M = 500.0  # local datums lie 100 to 1000 m from WGS 84 (Tokyo 450 m)
+# Starts of GPSMapDatum, capitals and digits alone, of datums within 2 m of WGS 84.
+_DATUMS_LIKE_WGS84 = (
+    "WGS84", "WORLDGEODETICSYSTEM1984", "ITRF", "ETRS89", "ETRF", "NAD83", "JGD", "GDA", "CGCS2000", "NZGD2000",
+    "SIRGAS", "KGD2002", "PZ90",
+)  # fmt: skip
 # The error of rounding to a step is uniform; its sigma counts where it is more than this share of the other.
 _UNIFORM = math.sqrt(12)
 _ROUNDING_SHARE = 0.25
@@ -90,8 +96,14 @@ def widen_by_fix(
     if exif.two_dimensional:
         vertical_m = max(vertical_m, _SIGMA_NOT_MEASURED_M)
         warnings.append("EXIF GPSMeasureMode is 2: the height is not measured")
-    if exif.map_datum and not exif.map_datum.upper().replace(" ", "").replace("-", "").startswith("WGS84"):
-        warnings.append(f"EXIF GPSMapDatum is {exif.map_datum}; taken as WGS 84 unless crs.gnss names it")
+    datum = "".join(letter for letter in exif.map_datum.upper() if letter.isalnum())
+    if datum and not datum.startswith(_DATUMS_LIKE_WGS84):
+        horizontal_m = max(horizontal_m, _SIGMA_OTHER_DATUM_M)
+        vertical_m = max(vertical_m, _SIGMA_NOT_MEASURED_M)
+        warnings.append(
+            f"EXIF GPSMapDatum is {exif.map_datum}, read as WGS 84 with a sigma of {_SIGMA_OTHER_DATUM_M:.0f} m: "
+            "name the CRS of the positions in crs.gnss"
+        )
     return PositionSigma(horizontal_m=horizontal_m, vertical_m=vertical_m), tuple(warnings)
 
 

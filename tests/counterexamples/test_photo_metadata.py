@@ -282,3 +282,14 @@ def test_a_damaged_exif_block_is_told(tmp_path: Path) -> None:
     assert (row["photo_outcome"], row["prior_source"]) == ("accepted", "none")
     assert "EXIF is damaged (" in row["prior_warnings"]
     assert "): what is damaged of it is not used" in row["prior_warnings"]
+
+
+def test_a_datum_far_from_wgs_84_is_not_taken_for_it_unless_the_portfolio_names_it(tmp_path: Path) -> None:
+    (tmp_path / "a.jpg").write_bytes(photograph_with(GPS | {18: "TOKYO"}))
+    (row,) = rows_of(tmp_path)
+    assert row["prior_sigma_horizontal_m"] == 500  # m; Tokyo lies 450 m from WGS 84
+    assert "GPSMapDatum is TOKYO" in row["prior_warnings"] and "crs.gnss" in row["prior_warnings"]
+    (named,) = ingest_photographs(
+        tmp_path, distance_to_model_m=None, close_range_below_m=8.0, gnss_crs="EPSG:4301"
+    ).to_pylist()
+    assert named["prior_sigma_horizontal_m"] < 10 and "GPSMapDatum" not in (named["prior_warnings"] or "")

@@ -93,7 +93,8 @@ def test_dilution_of_precision_widens_and_never_narrows() -> None:
     [
         ("t9", "V", PositionSigma(horizontal_m=50.0, vertical_m=50.0), "GPSStatus is V (void)"),
         ("t10", "2", PositionSigma(horizontal_m=5.0, vertical_m=50.0), "the height is not measured"),
-        ("t18", "TOKYO", PositionSigma(horizontal_m=5.0, vertical_m=10.0), "GPSMapDatum is TOKYO; taken as WGS 84"),
+        ("t18", "TOKYO", PositionSigma(horizontal_m=500.0, vertical_m=50.0), "GPSMapDatum is TOKYO, read as WGS 84"),
+        ("t18", "OSGB36", PositionSigma(horizontal_m=500.0, vertical_m=50.0), "name the CRS of the positions in crs"),
     ],
 )
 def test_a_poor_fix_increases_sigma_and_is_warned_about(
@@ -103,7 +104,8 @@ def test_a_poor_fix_increases_sigma_and_is_warned_about(
     assert prior.sigma == sigma
     assert len(prior.warnings) == 1
     assert warning in prior.warnings[0]
-    assert prior_of(t9="A", t10="3", t18="WGS-84").warnings == ()
+    for datum in ("WGS-84", "WGS 84", "World Geodetic System 1984", "JGD2011", "ETRS89"):
+        assert prior_of(t9="A", t10="3", t18=datum).warnings == ()
 
 
 def test_the_sigma_of_a_position_covers_the_resolution_it_is_written_in() -> None:
