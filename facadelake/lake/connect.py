@@ -22,6 +22,10 @@ DATA = "tables"
 LOCK = ".lock"
 LOCK_TIMEOUT_S = 600.0
 BUSY_TIMEOUT_MS = 30_000  # SQLite's wait of a reader for a commit, and of a commit for a reader
+_WAY_BACK = (
+    f"The way back: restore {CATALOG} from a backup of the lake, of the same time as its tables; published/ has the "
+    "published files of each version; or inspect the campaigns again into another lake (--lake)"
+)
 _OPENING = "'facadelake sql history' lists its versions; check that its files are whole"
 LAKE_EXTENSIONS = ("sqlite_scanner", "ducklake")  # GEOMETRY is DuckDB's own; spatial is only for questions
 
@@ -44,8 +48,34 @@ def recover(folder: Path) -> None:
 
 
 def has_lake(folder: Path) -> bool:
-    """Whether the folder holds a lake."""
-    return (folder / CATALOG).is_file()
+    """Whether the folder holds a lake.
+
+    Raises StoreError where it is a file, or holds tables without the catalog, which a new lake would make unreadable.
+    """
+    if (folder / CATALOG).is_file():
+        return True
+    if folder.exists() and not folder.is_dir():
+        raise StoreError(f"the lake {folder} is a file; a lake is a folder: name another with --lake")
+    if _has_tables(folder):
+        raise StoreError(f"the lake {folder} is damaged: it has tables, but no {CATALOG}. {_WAY_BACK}")
+    return False
+
+
+def _has_tables(folder: Path) -> bool:
+    return any((folder / DATA).rglob("*.parquet"))
+
+
+def _require_whole_catalog(folder: Path) -> None:
+    """Raise StoreError where the catalog is not that of a lake: cut off, overwritten, or another program's file."""
+    try:
+        uri = f"{(folder / CATALOG).as_uri()}?mode=ro"
+        with closing(sqlite3.connect(uri, uri=True, timeout=BUSY_TIMEOUT_MS / 1000)) as catalog:
+            catalog.execute("SELECT count(*) FROM ducklake_snapshot").fetchone()
+    except sqlite3.DatabaseError as error:
+        if error.sqlite_errorcode in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
+            return  # another program's commit: DuckDB waits for it, too, and says so
+        problem = f"its {CATALOG} cannot be read ({error})"
+        raise StoreError(f"the lake {folder} is damaged: {problem}. {_WAY_BACK}") from error
 
 
 @contextmanager
@@ -63,6 +93,7 @@ def open_to_read(folder: Path, *, as_of: int | None = None) -> Iterator[duckdb.D
     version = "" if as_of is None else f" at version {as_of}"
     with wrap_store_errors(f"opening the lake {folder}{version}", _OPENING):
         recover(folder)
+        _require_whole_catalog(folder)
         connection = open_duckdb(*LAKE_EXTENSIONS)
     with closing(connection):
         with wrap_store_errors(f"opening the lake {folder}{version}", _OPENING):
@@ -111,9 +142,15 @@ def hold_lock(folder: Path, *, timeout_s: float = LOCK_TIMEOUT_S) -> Iterator[No
 
 @contextmanager
 def open_catalog_to_write(folder: Path) -> Iterator[duckdb.DuckDBPyConnection]:
-    """A connection that may write the lake ``folder``, created if it does not exist; use it inside ``hold_lock``."""
+    """A connection that may write the lake ``folder``, created if it does not exist; use it inside ``hold_lock``.
+
+    Raises StoreError where it cannot be opened, or its catalog is lost or damaged.
+    """
     folder = folder.resolve()
     with wrap_store_errors(f"opening the lake {folder} for writing", "check the folder's rights and free space"):
+        if has_lake(folder) and ((folder / CATALOG).stat().st_size or _has_tables(folder)):
+            recover(folder)
+            _require_whole_catalog(folder)
         (folder / DATA).mkdir(parents=True, exist_ok=True)
         connection = open_duckdb(*LAKE_EXTENSIONS)
     with closing(connection):

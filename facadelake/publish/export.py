@@ -23,12 +23,15 @@ def export_table(name: str, table: pa.Table, path: Path) -> Path:
     ``.parquet``: GeoParquet in EPSG:4979, or plain Parquet for a table without geometry. ``.gpkg``: layers in 2D and
     3D of the points and of the patches; for defects also one layer per facade, in the facade's plane. ``.geojson``:
     RFC 7946 with heights. ``.csv``: geometry as WKT. In the last three a list of numbers is JSON text.
-    Raises InputDataError for an unsupported suffix, a missing folder, GeoJSON of a table without geometry, a file that
-    another program has open, or one that cannot be read back; an earlier file is then left as it was.
+    Raises InputDataError for an unsupported suffix, a missing folder, a folder of that name, GeoJSON of a table without
+    geometry, a file that another program has open, or one that cannot be read back; an earlier file is then left as it
+    was.
     """
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
         raise InputDataError(f"cannot write {path.name}: the suffix must be one of {', '.join(FORMATS)}")
+    if path.is_dir():
+        raise InputDataError(f"cannot write {path}: it is a folder; give the name of a file")
     if not path.parent.is_dir():
         raise InputDataError(f"cannot write {path}: folder {path.parent} does not exist; create it first")
     replace_file(path, lambda file: FORMATS[suffix](name, table, file))

@@ -8,6 +8,7 @@ corner, the outline is not foreshortened.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,9 @@ from facadelake.publish.columns import FIRST, GEOMETRY, PATCH, decode_geometries
 from facadelake.publish.geoparquet import CRS_2D, CRS_3D
 from schemas.tables import RUN_KEYS
 
+_POINT, _POLYGON, _MULTIPOLYGON = 0, 3, 6  # shapely's numbers of the types
+_MIXED = "Unknown"  # GDAL's type of a layer of several types, with or without heights
+_AZIMUTH_DECIMALS = 2  # of degrees: 9 mm over 50 m
 LEVEL = "level"  # roofs, floors and soffits: plan view, u east and v north
 
 
@@ -62,8 +66,7 @@ def create_map_layers(table: pa.Table, name: str) -> Iterator[GisLayer]:
 
 
 def _create_2d_and_3d(rows: pa.Table, name: str, column: str) -> Iterator[GisLayer]:
-    geometries = decode_geometries(rows, column)
-    geometry_type = _find_geometry_type(geometries)
+    geometries, geometry_type = _unify_types(decode_geometries(rows, column))
     yield GisLayer(
         name=name,
         rows=rows,
@@ -76,28 +79,33 @@ def _create_2d_and_3d(rows: pa.Table, name: str, column: str) -> Iterator[GisLay
             name=f"{name}_3d",
             rows=rows,
             geometry=_wkb_from_geometries(geometries),
-            geometry_type=f"{geometry_type} Z",
+            geometry_type=geometry_type if geometry_type == _MIXED else f"{geometry_type} Z",
             crs=CRS_3D,
         )
 
 
 def create_facade_layers(defects: pa.Table) -> Iterator[GisLayer]:
-    """One layer per facade of one building: each defect's outline in the facade's plane (u, v in metres)."""
+    """One layer per facade of one building: each defect's outline in the facade's plane (u, v in metres).
+
+    A facade whose azimuth differs between campaigns, because the model was changed, has a layer for each.
+    """
     # Interior surfaces (facade "inside") have no exterior view.
-    directions = dict(
-        zip(*(defects.column(name).to_pylist() for name in ("facade", "facade_azimuth_deg")), strict=True)
-    )
-    for facade, azimuth_deg in sorted(directions.items(), key=lambda item: item[0]):
+    azimuths = pc.round(defects.column("facade_azimuth_deg"), _AZIMUTH_DECIMALS)
+    planes = dict.fromkeys(zip(defects.column("facade").to_pylist(), azimuths.to_pylist(), strict=True))
+    named = Counter(facade for facade, _ in planes)
+    for facade, azimuth_deg in sorted(planes, key=lambda plane: (plane[0], plane[1] or 0.0)):
         if azimuth_deg is None and facade != LEVEL:
             continue
-        rows = defects.filter(pc.equal(defects.column("facade"), facade))
-        polygons = _create_outlines(rows, azimuth_deg)
+        same_plane = pc.is_null(azimuths) if azimuth_deg is None else pc.equal(azimuths, azimuth_deg)
+        rows = defects.filter(pc.and_(pc.equal(defects.column("facade"), facade), same_plane))
+        name = facade if named[facade] == 1 else f"{facade}_{azimuth_deg:.2f}"
+        polygons, geometry_type = _unify_types(_create_outlines(rows, azimuth_deg))
         yield GisLayer(
-            name=f"facade_{facade}",
+            name=f"facade_{name}",
             rows=rows,
             geometry=_wkb_from_geometries(polygons),
-            geometry_type=_find_geometry_type(polygons),
-            crs=create_plane_crs(facade),
+            geometry_type=geometry_type,
+            crs=create_plane_crs(name),
         )
 
 
@@ -171,10 +179,23 @@ def write_attribute_table(table: pa.Table, name: str, path: Path) -> None:
     pyogrio.write_arrow(flatten_table(table), path, layer=name, driver="GPKG", geometry_name=None, geometry_type=None)
 
 
-def _find_geometry_type(geometries: np.ndarray) -> str:
-    """GDAL's name of the common type of the geometries; "Unknown" where they differ."""
+def _unify_types(geometries: np.ndarray) -> tuple[np.ndarray, str]:
+    """The geometries, polygons among multipolygons as such, and GDAL's name of their common type.
+
+    Readers expect one type in a layer. An outline that a window divides is a multipolygon.
+    """
     types = {shapely.get_type_id(geometry) for geometry in geometries if geometry is not None}
-    return {0: "Point", 3: "Polygon", 6: "MultiPolygon"}.get(types.pop(), "Unknown") if len(types) == 1 else "Unknown"
+    if types == {_POLYGON, _MULTIPOLYGON}:
+        geometries = np.array(
+            [
+                shapely.MultiPolygon([geometry]) if shapely.get_type_id(geometry) == _POLYGON else geometry
+                for geometry in geometries
+            ],
+            dtype=object,
+        )
+        types = {_MULTIPOLYGON}
+    names = {_POINT: "Point", _POLYGON: "Polygon", _MULTIPOLYGON: "MultiPolygon"}
+    return geometries, names.get(types.pop(), _MIXED) if len(types) == 1 else _MIXED
 
 
 def _wkb_from_geometries(geometries: np.ndarray) -> list[bytes | None]:

@@ -6,6 +6,7 @@ the old GeoPackage would be applied to the new one and make it unreadable.
 
 from __future__ import annotations
 
+import os
 import sqlite3
 import uuid
 from collections.abc import Callable, Mapping
@@ -25,7 +26,7 @@ _SQLITE_COMPANIONS = ("-wal", "-shm", "-journal")
 
 
 def replace_file(path: Path, write: Callable[[Path], Mapping[str, int]]) -> None:
-    """Write a file with ``write``, read it back, and put it in the place of ``path``.
+    """Write a file with ``write``, read it back, and put it in the place of ``path``, or of the file that it links to.
 
     Args:
         path: The file; its suffix is that of the temporary file, too.
@@ -35,6 +36,7 @@ def replace_file(path: Path, write: Callable[[Path], Mapping[str, int]]) -> None
         InputDataError: The file is open in another program, cannot be written, or does not hold what was written. An
             earlier file is left as it was.
     """
+    path = Path(os.path.realpath(path))  # else a link would be replaced, and the file that others read stay as it was
     temporary = path.parent / f".{uuid.uuid4().hex[:8]}{path.suffix.lower()}"
     try:
         rows = write(temporary)

@@ -162,3 +162,59 @@ def test_a_damaged_file_is_named_with_the_way_back(
     assert done.returncode == 1 and f"{newest} of table defects" in done.stderr, done.stderr
     with pytest.raises(InputDataError, match="the question cannot be answered"):  # its own fault
         query(tmp_path, "SELECT no_such_column FROM photos")
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        (None, "it has tables, but no catalog.sqlite"),
+        (b"", "its catalog.sqlite cannot be read (no such table: ducklake_snapshot)"),
+        (b"hello", "its catalog.sqlite cannot be read (file is not a database)"),
+    ],
+    ids=["gone", "empty", "a text"],
+)
+def test_a_lake_without_its_catalog_is_neither_taken_as_none_nor_begun_anew(
+    tmp_path: Path, content: bytes | None, problem: str
+) -> None:
+    """Tables without a catalog were "no lake": an inspection would have begun another one over them."""
+    commit(tmp_path)
+    catalog = tmp_path / "catalog.sqlite"
+    whole = catalog.read_bytes()
+    catalog.unlink()
+    if content is not None:
+        catalog.write_bytes(content)
+    wanted = (
+        f"the lake {tmp_path} is damaged: {problem}. The way back: restore catalog.sqlite from a backup of the lake, "
+        "of the same time as its tables; published/ has the published files of each version; or inspect the campaigns "
+        "again into another lake (--lake)"
+    )
+    for attempt in (
+        lambda: read_table(tmp_path, "defects"),
+        lambda: commit(tmp_path, run_id="run-2", inputs="j" * 64),
+    ):
+        with pytest.raises(StoreError) as raised:
+            attempt()
+        assert str(raised.value) == wanted
+    for command in (("campaigns",), ("defects", "tower"), ("sql", "history")):
+        done = facadelake(*command, "--lake", tmp_path)
+        assert (done.returncode, done.stdout, done.stderr) == (1, "", f"StoreError: {wanted}\n")
+    catalog.write_bytes(whole)
+    assert len(read_table(tmp_path, "defects")) == 3
+
+
+def test_a_catalog_cut_off_is_named(tmp_path: Path) -> None:
+    commit(tmp_path)
+    catalog = tmp_path / "catalog.sqlite"
+    catalog.write_bytes(cut_off(catalog.read_bytes()))
+    with pytest.raises(StoreError, match=r"is damaged: its catalog\.sqlite cannot be read \(.*malformed\)\. The way"):
+        read_table(tmp_path, "defects")
+
+
+def test_a_file_in_the_place_of_a_lake(tmp_path: Path) -> None:
+    (tmp_path / "lake").write_text("no lake")
+    for command in (("campaigns",), ("defects", "tower")):
+        done = facadelake(*command, "--lake", tmp_path / "lake")
+        assert (done.returncode, done.stdout) == (1, "")
+        assert done.stderr == (
+            f"StoreError: the lake {tmp_path}/lake is a file; a lake is a folder: name another with --lake\n"
+        )

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pyarrow.csv as csv
 import pyarrow.parquet as pq
 import pyogrio
@@ -85,6 +86,39 @@ def test_rows_without_a_position_are_kept(tmp_path: Path) -> None:
     for layer, features in (("observations", len(table)), ("observations_patches", len(table) - 1)):
         assert pyogrio.read_info(tmp_path / "o.gpkg", layer=layer)["features"] == features
     assert pq.read_table(tmp_path / "o.parquet")["patch"].null_count == 1
+
+
+@pytest.mark.parametrize("name", ["defects", "observations"])
+def test_an_outline_in_two_parts_among_outlines_in_one_is_written(tmp_path: Path, name: str) -> None:
+    """A window divides an outline; GDAL has no type "Unknown Z", and the whole file was refused."""
+    table = TABLES[name]
+    place = table.schema.get_field_index("patch")
+    patches = shapely.from_wkb(table["patch"].to_pylist())
+    other = shapely.transform(patches[0], lambda xyz: np.add(xyz, (1e-5, 0, 0)), include_z=True)
+    patches[0] = shapely.union(patches[0], other)
+    assert patches[0].geom_type == "MultiPolygon"
+    divided = table.set_column(place, table.schema.field(place), [shapely.to_wkb(patches).tolist()])
+    for suffix in (".gpkg", ".parquet", ".geojson", ".csv"):
+        export_table(name, divided, tmp_path / f"o{suffix}")
+    kinds = {str(layer): str(kind) for layer, kind in pyogrio.list_layers(tmp_path / "o.gpkg")}
+    assert kinds[f"{name}_patches"] == "MultiPolygon"
+    assert kinds[f"{name}_patches_3d"] == "MultiPolygon Z"
+    read = pyogrio.read_dataframe(tmp_path / "o.gpkg", layer=f"{name}_patches_3d")
+    assert sorted(map(len, (shapely.get_parts(one) for one in read.geometry))) == [1] * (len(read) - 1) + [2]
+    assert shapely.get_coordinates(read.geometry[0], include_z=True)[:, 2].min() > HEIGHT  # m
+
+
+def test_the_file_behind_a_link_is_replaced_and_a_folder_is_not(tmp_path: Path) -> None:
+    """A link of a GIS project to a shared file was replaced by a file of its own; the shared one stayed as it was."""
+    shared, link = tmp_path / "shared.gpkg", tmp_path / "link.gpkg"
+    export_table("defects", TABLES["defects"], shared)
+    link.symlink_to(shared)
+    export_table("defects", TABLES["defects"].slice(0, 1), link)
+    assert link.is_symlink()
+    assert pyogrio.read_info(shared, layer="defects")["features"] == 1
+    (tmp_path / "folder.csv").mkdir()
+    with pytest.raises(InputDataError, match=r"folder\.csv: it is a folder; give the name of a file"):
+        export_table("defects", TABLES["defects"], tmp_path / "folder.csv")
 
 
 def test_an_earlier_file_is_replaced(tmp_path: Path) -> None:

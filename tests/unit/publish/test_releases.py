@@ -276,6 +276,15 @@ def test_two_facades_of_one_compass_point_are_two_layers_each_in_its_own_plane()
     assert shapely.from_wkb(layers[0].geometry[0]).centroid.x == pytest.approx(u, abs=1e-3)  # m
 
 
+def test_a_facade_whose_azimuth_changed_between_campaigns_has_a_layer_for_each() -> None:
+    """One of the two was taken for both, so that outlines of the other campaign lay in a wrong plane."""
+    table = replace_columns(
+        lake_tables()["defects"], {"facade": ["N", "N", "N"], "facade_azimuth_deg": [350.0, 353.0, 353.001]}
+    )
+    layers = list(create_facade_layers(table))
+    assert [(layer.name, len(layer.rows)) for layer in layers] == [("facade_N_350.00", 1), ("facade_N_353.00", 2)]
+
+
 def test_readme_names_crs_datum_version_and_columns(release: Path) -> None:
     text = (release / "README.txt").read_text("utf-8")
     for words in (
