@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from facadelake.core.arrays import BoolArray, Float64Array, Float64N, Float64x3, Float64x3x3
+from facadelake.core.arrays import BoolArray, Float64Array, Float64N, Float64Nx3, Float64x3, Float64x3x3
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.frames import Similarity
 from facadelake.georeferencing.adjustment.adjusted_block import AdjustedBlock
@@ -28,6 +28,8 @@ from schemas.vocabulary import ControlKind
 # A total station's point on a facade, and a mark set by hand in a photograph.
 CONTROL_SIGMA_M = 0.01
 MARK_SIGMA_PX = 1.0
+# A check point this near to a control point is the same point: files round to centimetres.
+_SAME_POINT_M = 0.01
 # Displacement of a surface point found again after months, under other light, besides its own covariance.
 _SHARED_POINT_SIGMA_M = 0.003
 _CELL_M = 0.5
@@ -251,6 +253,10 @@ def _build_from_gps(reconstruction: Reconstruction, priors: GpsPriors) -> Initia
     )
 
 
+def _is_among(point_m: Float64x3, points_m: Float64Nx3) -> bool:
+    return bool((np.linalg.norm(points_m - point_m, axis=1) < _SAME_POINT_M).any())
+
+
 def _add_check_points(
     placement: InitialPlacement,
     reconstruction: Reconstruction,
@@ -277,6 +283,17 @@ def _add_check_points(
         placement = placement.add_remarks(
             (f"check points left out, outside the area of use of their CRS: {', '.join(names)}",)
         )
+    known = np.zeros((0, 3)) if placement.marked is None else placement.marked.xyz_site_m
+    used = [not is_out and _is_among(point, known) for point, is_out in zip(xyz, outside, strict=True)]
+    if any(used):
+        names = [point.name for point, is_used in zip(check_points.points, used, strict=True) if is_used]
+        placement = placement.add_remarks(
+            (
+                f"check points left out, which are control points (less than {_SAME_POINT_M * 100:g} cm apart), so "
+                f"that they tell nothing new: {', '.join(names)}",
+            )
+        )
+        outside = [is_out or is_used for is_out, is_used in zip(outside, used, strict=True)]
     marks = [
         None if out else mark for mark, out in zip(intersect_marks(reconstruction, check_points), outside, strict=True)
     ]

@@ -23,7 +23,12 @@ from schemas.vocabulary import ControlKind, PlacementCheckOutcome, PlacementStat
 LIMIT_SIGMAS = 3.5
 _MIN_PRIORS = 3
 _GPS_STATEMENTS = (PlacementStatement.GPS_POSITION, PlacementStatement.GPS_HEIGHT)
-_MODEL_ON_ITSELF = (PlacementStatement.TIE_POINTS, ControlKind.MODEL)  # the control put the tie points there
+# What a kind of control cannot be confirmed by: it put the tie points there; check points and control points come from
+# one survey in most cases, and share its datum, units and shift.
+_ON_ITSELF = {
+    (PlacementStatement.TIE_POINTS, ControlKind.MODEL),
+    (PlacementStatement.SURVEYED_POINTS, ControlKind.GCP),
+}
 _AXES = {PlacementStatement.GPS_POSITION: [0, 1], PlacementStatement.GPS_HEIGHT: [2]}
 _MODEL_STATEMENTS = (
     PlacementStatement.CAMERA_HEIGHT,
@@ -189,7 +194,8 @@ def require_agreement(
     The model's statements count, since defects are registered on it; tie points that would fit elsewhere are reported
     only where GPS or check points exclude that shift. Check points count beyond the accuracy that a campaign must have,
     and so does GPS, unless another statement decides against it: tie points on the model that would not lie there if
-    the campaign agreed with GPS, or check points.
+    the campaign agreed with GPS, or check points. Check points confirm no placement by control points, with which they
+    share a survey.
 
     Args:
         checks: the comparisons.
@@ -207,15 +213,13 @@ def require_agreement(
     """
     disagreements = [check for check in checks if check.disagrees]
     outvoted = any(
-        check.decides
-        and check.outcome is PlacementCheckOutcome.AGREES
-        and (check.statement, control) != _MODEL_ON_ITSELF
+        check.decides and check.outcome is PlacementCheckOutcome.AGREES and (check.statement, control) not in _ON_ITSELF
         for check in checks
     )
     refused = [
         check
         for check in disagreements
-        if (check.statement in _MODEL_STATEMENTS and not _is_shift_excluded(check, checks))
+        if (check.statement in _MODEL_STATEMENTS and not _is_shift_excluded(check, checks, control))
         or (
             check.deviation > placement_sigma_max_m
             and (
@@ -248,13 +252,13 @@ def require_agreement(
     )
 
 
-def _is_shift_excluded(check: PlacementCheck, checks: Sequence[PlacementCheck]) -> bool:
+def _is_shift_excluded(check: PlacementCheck, checks: Sequence[PlacementCheck], control: ControlKind) -> bool:
     """Whether GPS or check points agree with the placement, and would not after the shift of ``check``."""
     shift = check.shift_site_m
     if shift is None:
         return False
     for other in checks:
-        if other.outcome is not PlacementCheckOutcome.AGREES:
+        if other.outcome is not PlacementCheckOutcome.AGREES or (other.statement, control) in _ON_ITSELF:
             continue
         if other.statement in _GPS_STATEMENTS and other.shift_site_m is not None:
             axes = _AXES[other.statement]

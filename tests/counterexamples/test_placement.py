@@ -13,10 +13,11 @@ from facadelake.building.surface import Surface
 from facadelake.core.errors import GeoreferenceError
 from facadelake.georeferencing.gcp.control_points import SurveyedPoints
 from facadelake.georeferencing.model.control import ModelControl
-from schemas.vocabulary import ControlKind, PlacementCheckOutcome, PlacementStatement
+from schemas.vocabulary import ControlKind, PlacementCheckOutcome, PlacementStatement, PointKind
 from tests.synthetic.test_georeference import Scene, build_model, build_ring
 
 SCENE = Scene(build_ring())
+REPEATED = "check points left out, which are control points (less than 1 cm apart), so that they tell nothing new: "
 NOT_IN_VIEW = "0 of 24 photographs have the building model in view (limit 25%)"
 
 
@@ -109,6 +110,32 @@ def test_check_points_that_contradict_control_points_without_a_model() -> None:
             ControlKind.GCP, control_points=low, check_points=replace(control, points=control.points[4:])
         )
     assert "2 check points deviate by 4" in str(raised.value)
+
+
+@pytest.mark.parametrize("is_same_file", [True, False])
+def test_check_points_of_the_same_wrong_survey_do_not_outvote_gps(is_same_file: bool) -> None:
+    """All surveyed points are 48 m low: once committed, since the check points agreed with the control points."""
+    low = move(SCENE.build_control(), up_m=-48.0)
+    control = low if is_same_file else replace(low, points=low.points[:4])
+    check = low if is_same_file else replace(low, points=low.points[4:])
+    with pytest.raises(GeoreferenceError) as raised:
+        SCENE.georeference(
+            ControlKind.GCP,
+            control_points=control,
+            check_points=check,
+            photos=state_height_datum(SCENE.build_photos()),
+        )
+    assert "GPS of 24 photographs (flight 1) deviates from the placed cameras by" in str(raised.value)
+    assert "accept_placement in the portfolio: gps_height" in str(raised.value)
+
+
+def test_control_points_given_as_check_points_too_check_nothing() -> None:
+    control = SCENE.build_control()
+    found = SCENE.georeference(ControlKind.GCP, control_points=control, check_points=control)
+    assert REPEATED in found.row["remarks"]
+    assert PointKind.CHECK not in {point.kind for point in found.points}
+    statements = {check.statement: check.outcome for check in found.placement_checks}
+    assert statements[PlacementStatement.SURVEYED_POINTS] is PlacementCheckOutcome.NOT_COMPARABLE
 
 
 def test_control_points_in_feet_without_a_model() -> None:

@@ -18,6 +18,7 @@ from facadelake.building.model_georeference.map_placement import (
     MapPlacement,
     ModelGeoreference,
     accept_operation,
+    describe_map_axes,
     geo_from_map,
     require_origin_near,
 )
@@ -108,7 +109,8 @@ def read_placed_mesh(path: Path, settings: MeshModelSettings) -> tuple[MeshFile,
         remarks="; ".join(remarks),
     )
     _require_possible_height(path, taken, mesh.vertices_m, settings)
-    return mesh, taken, georeference
+    axes = describe_map_axes(georeference)
+    return mesh, taken, replace(georeference, remarks="; ".join(filter(None, (*remarks, axes))))
 
 
 def _require_possible_height(

@@ -9,12 +9,22 @@ import numpy as np
 from facadelake.core.arrays import Float64N, Float64Nx3, Float64x3, Float64x3x3
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import SiteOrigin, find_operation, transform
-from facadelake.core.proj.crs import AREA_MARGIN_DEG, GEO, combine_crs, mask_in_area_of_use, promote_to_3d
+from facadelake.core.proj.crs import (
+    AREA_MARGIN_DEG,
+    GEO,
+    combine_crs,
+    get_crs_name,
+    list_axis_directions,
+    mask_in_area_of_use,
+    parse_crs,
+    promote_to_3d,
+)
 from facadelake.core.proj.operations import PlacedOperation, describe_poor_operation, require_best
 
 REGISTRY_LEVEL = "registry"  # stands in for a LoGeoRef level
 MIN_MAP_COORDINATE_M = 10_000.0  # coordinates beyond this are map coordinates; a building's own are smaller
 _MAX_ORIGIN_DISTANCE_M = 20_000.0  # beyond, east-north-up of the origin is not that of the building
+_DIRECTIONS = {"east": (1, 0), "north": (0, 1), "west": (-1, 0), "south": (0, -1)}
 _HALF_BASE_M = 50.0  # half the base over which the map's scale and convergence are measured
 
 
@@ -90,6 +100,33 @@ def accept_operation(
     require_best(operation, accepted_accuracy_m)
     remarks = "; ".join(filter(None, [georeference.remarks, describe_poor_operation(operation)]))
     return replace(georeference, remarks=remarks)
+
+
+def describe_map_axes(georeference: ModelGeoreference) -> str:
+    """Remark on a map whose x and y do not grow to the east and north; empty where they do, and at the poles.
+
+    Raises GeoreferenceError where the model would be mirrored (Krovak, EPSG:5513: south, west), and for the Eastings
+    and Northings of an IFC in such a CRS (South Africa, EPSG:2053: west, south): either may mean both signs.
+    """
+    x, y = list_axis_directions(georeference.map_crs)
+    if (x, y) == ("east", "north") or x == y or not {x, y} <= set(_DIRECTIONS):
+        return ""
+    (x_east, x_north), (y_east, y_north) = _DIRECTIONS[x], _DIRECTIONS[y]
+    axes = (
+        f"x and y of {georeference.map_crs} ({get_crs_name(parse_crs(georeference.map_crs))}) grow to the {x} and {y}"
+    )
+    if x_east * y_north - x_north * y_east < 0:
+        raise GeoreferenceError(
+            f"{axes}, so that the model would be mirrored; give a CRS whose axes are east and north, with coordinates "
+            "in it (EPSG:5514 in place of EPSG:5513)"
+        )
+    if georeference.level != REGISTRY_LEVEL:
+        raise GeoreferenceError(
+            f"{axes}, so that Eastings and Northings of the IFC may be either, and the model turned by "
+            f"{90 if x_east == 0 else 180} degrees; set crs.control in the portfolio: pairs of points of the model and "
+            f"of the map, {x} and {y} positive"
+        )
+    return f"{axes}; the model's coordinates are taken so"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,6 +20,7 @@ from facadelake.building.model_georeference.map_placement import (
     MapPlacement,
     ModelGeoreference,
     compute_grid_factors,
+    describe_map_axes,
 )
 from facadelake.building.model_georeference.site_placement import GeographicAnchor
 from facadelake.core.arrays import Float64Array, Float64x3
@@ -76,6 +77,7 @@ def select_georeference(candidates: GeoreferenceCandidates, extent_ifc_m: Float6
             f"{candidates.conflicts[selected.level]}, and the model is placed by it (LoGeoRef {selected.level}); "
             "correct the IFC, or set crs.placement in the portfolio"
         )
+    axes = describe_map_axes(selected)
     require_possible_heights(selected, extent_ifc_m)
     _check_accuracy(selected, candidates.accept_level)
     operation = selected.find_operation(centre)
@@ -85,6 +87,7 @@ def select_georeference(candidates: GeoreferenceCandidates, extent_ifc_m: Float6
     _require_possible_scale(selected, grid)
     notes = [
         selected.remarks,
+        axes,
         describe_poor_operation(operation),
         *candidates.remarks,
         _describe_margin(selected, geo),

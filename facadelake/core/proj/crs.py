@@ -167,6 +167,12 @@ def get_horizontal_crs(crs: str) -> pyproj.CRS:
     return parsed.sub_crs_list[0] if parsed.is_compound else parsed
 
 
+def list_axis_directions(crs: str) -> tuple[str, str]:
+    """The directions in which x and y of a horizontal CRS grow ("east", "north"), in the order of ``transform``."""
+    first, second = (str(axis.direction) for axis in get_horizontal_crs(crs).axis_info[:2])
+    return (second, first) if (first, second) == ("north", "east") else (first, second)
+
+
 def lon_lat_from_xy(crs: pyproj.CRS, xy: Float64Array) -> Float64Array:
     """Longitude and latitude (n, 2), degrees in the datum of ``crs``, of points (n, 2) of it."""
     if crs.is_geographic:

@@ -193,7 +193,9 @@ def test_the_model_always_counts_and_gps_where_the_model_does_not_decide() -> No
     with pytest.raises(GeoreferenceError, match="gps_height"):  # held out of one file: they share its datum
         require(gps, state(PlacementStatement.HELD_OUT_POINTS, AGREES))
     checked = replace(state(PlacementStatement.SURVEYED_POINTS, AGREES), decides=True)
-    assert require(gps, checked)
+    assert require(gps, checked, control=ControlKind.IMPORTED)
+    with pytest.raises(GeoreferenceError, match="gps_height"):  # of the control points' survey: they share its datum
+        require(gps, checked)
     with pytest.raises(GeoreferenceError, match="surveyed_points"):
         require(state(PlacementStatement.SURVEYED_POINTS, DISAGREES, 48.0), on_model)
     small = state(PlacementStatement.GPS_HEIGHT, DISAGREES, 0.3)  # within the accuracy that a campaign must have
@@ -207,7 +209,10 @@ def test_a_shift_of_the_tie_points_that_gps_or_check_points_exclude_is_reported_
     drone = replace(rtk, limit=10.5)
     checked = replace(state(PlacementStatement.SURVEYED_POINTS, AGREES), decides=True, limit=0.05)
     assert require(elsewhere, rtk) == ("disagreement: tie_points disagrees",)
-    assert require(elsewhere, drone, checked) == ("disagreement: tie_points disagrees",)
+    imported = {"control": ControlKind.IMPORTED}
+    assert require(elsewhere, drone, checked, **imported) == ("disagreement: tie_points disagrees",)
+    with pytest.raises(GeoreferenceError, match="tie_points"):  # of the control points' survey
+        require(elsewhere, drone, checked)
     with pytest.raises(GeoreferenceError, match="tie_points"):
         require(elsewhere, drone)
 
