@@ -269,7 +269,7 @@ _ALL = [
     real("gsd_mm", "mm", "ground sampling distance: size of a pixel on the surface, square-on", 0),
     real("width_m", "m", "horizontal extent on the surface", 0),
     real("height_m", "m", "extent on the surface perpendicular to the width", 0),
-    real("area_m2", "m2", "area of the patch on the surface", 0),
+    real("area_m2", "m2", "area of the patch on the surface; of a defect the median of its observations", 0),
     real("target_share", "", "share of the detection's rays that meet the building", 0, 1),
     real("length_m", "m", "longest extent on the surface, in any direction", 0),
     real("crack_width_mm", "mm", "mean width of the crack on the surface, where it was measured", 0),

@@ -21,16 +21,15 @@ from facadelake.core.errors import InputDataError, StoreError
 from facadelake.lake import read_tables
 from facadelake.publish.geopackage import create_facade_layers, create_map_layers, write_layers
 from facadelake.publish.geoparquet import drop_heights, geodataframe_from_table, write_geoparquet
+from facadelake.publish.older_grades import mark_older_grades
 from facadelake.publish.readme import format_readme
 
 PUBLISHED = "published"
 LATEST = "latest"
-REPORT = "report.html"
 FILES = ("defects.parquet", "defects_2d.parquet", "observations.parquet", "defects.gpkg", "README.txt")
 TABLES = ("buildings", "georeference", "runs", "campaigns", "defects", "observations")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _VERSION = re.compile(r"v([0-9]{6,})")
-_OLDER_GRADES_ID = 'id="drawn-for-another-version"'
 
 logger = logging.getLogger(__name__)
 
@@ -104,7 +103,7 @@ def publish_campaign(
 
 
 def publish_regraded(lake: Path, *, building_id: str, campaign_id: str, version: int) -> Path:
-    """Publish a regraded campaign with the pictures of its previous release; the report gets a note that grades differ.
+    """Publish a regraded campaign with the pictures of its previous release; report and cards say that grades differ.
 
     Args:
         lake: folder of the lake.
@@ -130,28 +129,13 @@ def publish_regraded(lake: Path, *, building_id: str, campaign_id: str, version:
         with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as scratch:
             pictures = Path(scratch) / "pictures"
             shutil.copytree(releases[previous], pictures, ignore=shutil.ignore_patterns(*FILES))
-            _mark_report(pictures / REPORT, previous)
+            mark_older_grades(pictures, previous)
             return publish(pictures=pictures)
     except OSError as error:
         raise StoreError(
             f"publishing {building_id} {campaign_id} to {folder} failed: {error}; the grades are committed in version "
             f"{version} of the lake: check free space and permissions, then run again"
         ) from error
-
-
-def _mark_report(report: Path, version: int) -> None:
-    """Add a note to a report that it shows the grades of ``version``, unless it has such a note already."""
-    if not report.is_file():
-        return
-    text = report.read_text("utf-8")
-    if _OLDER_GRADES_ID in text:
-        return
-    note = (
-        f"<p {_OLDER_GRADES_ID}><b>This report shows version {version} of the lake. The defects were regraded since; "
-        "the current grades are in the tables of this release.</b></p>"
-    )
-    report.chmod(0o644)  # copied from a read-only release
-    report.write_text(text.replace("</h1>", f"</h1>{note}", 1), encoding="utf-8")
 
 
 def _write_files(folder: Path, tables: dict[str, pa.Table], *, version: int, pictures: Path | None) -> None:

@@ -135,6 +135,43 @@ def test_corners_instead_of_width_and_height(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("name", "boxes"),
+    [
+        ("[x1, y1, x2, y2]", [[100, 120, 200, 180], [10, 20, 60, 50]]),
+        ("[x of the centre, y of the centre, width, height]", [[150, 150, 100, 60], [35, 35, 50, 30]]),
+        ("[y, x, height, width]", [[120, 100, 60, 100], [20, 10, 30, 50]]),
+    ],
+)
+def test_boxes_that_bound_their_masks_in_another_convention_are_refused(
+    tmp_path: Path, name: str, boxes: list[list[float]]
+) -> None:
+    """Boxes by their centres were taken as corners: all defects half their size off, the masks set aside."""
+    masks = [[[100, 120, 200, 120, 200, 180, 100, 180]], [[10, 20, 60, 20, 60, 50, 10, 50]]]
+    given = [{"bbox": box, "segmentation": mask, "category_id": 1} for box, mask in zip(boxes, masks, strict=True)]
+    with pytest.raises(InputDataError) as raised:
+        import_rows(tmp_path, *given)
+    assert str(raised.value) == (
+        f"detections file {tmp_path / 'boxes.json'}: the boxes seem to be {name}: so, and not as [x, y, width, "
+        "height], all 2 that have a mask of polygons bound it; COCO boxes are [x, y, width, height] in pixels: "
+        "export them so"
+    )
+    given[0]["bbox"] = [100, 120, 100, 60]  # one of them bounds its mask: no convention of the file
+    assert [row["detection_outcome"] for row in import_rows(tmp_path, *given)] == ["accepted", "accepted"]
+
+
+def test_masks_in_shares_of_the_photograph_without_boxes(tmp_path: Path) -> None:
+    """A mask in shares gave a box of a fraction of a pixel at the upper left corner."""
+    share = {"bbox": [], "segmentation": [[0.1, 0.1, 0.2, 0.1, 0.2, 0.3, 0.1, 0.3]], "category_id": 1}
+    with pytest.raises(InputDataError, match=r"all 1 boxes lie within 0\.\.1, so they are normalised"):
+        import_rows(tmp_path, share)
+    row, other = import_rows(tmp_path, share, {"bbox": [100, 120, 50, 40], "category_id": 1})
+    assert (row["detection_outcome"], other["detection_outcome"]) == ("bad_box", "accepted")
+    assert row["reason"] == (
+        "box at 0.1, 0.1 of 0.1 x 0.2 px is smaller than a pixel: in shares of the photograph? give pixels"
+    )
+
+
+@pytest.mark.parametrize(
     ("written", "instead", "message"),
     [
         (

@@ -1,9 +1,9 @@
 from .annotation_shape import AnnotationShape as AnnotationShape
 from .annotation_shape import parse_shape as parse_shape
-from .coco_file import CocoAnnotation as CocoAnnotation
-from .coco_file import CocoFile as CocoFile
-from .coco_file import parse_number as parse_number
 from .coco_file import read_coco as read_coco
+from .coco_records import CocoAnnotation as CocoAnnotation
+from .coco_records import CocoFile as CocoFile
+from .coco_records import parse_number as parse_number
 from .exif_view import BoxView as BoxView
 from .exif_view import StoredImage as StoredImage
 from .exif_view import find_views as find_views

@@ -9,10 +9,11 @@ import shapely
 import shapely.affinity
 
 from facadelake.detection.boxes import Box, describe_box
-from facadelake.detection.coco.coco_file import CocoAnnotation, is_same_area, parse_box_values, parse_number
+from facadelake.detection.coco.coco_records import CocoAnnotation, is_same_area, parse_box_values, parse_number
 from facadelake.detection.coco.exif_view import BoxView
 from facadelake.detection.coco.mask import extract_polygons, shape_from_segmentation
 
+_MIN_SIDE_PX = 1.0
 _SAME_SIDE_PX = 1.0  # sides of a mask and its box, rounded to whole pixels
 _SAME_SIDE_SHARE = 0.01
 
@@ -52,6 +53,9 @@ def parse_shape(annotation: CocoAnnotation, view: BoxView) -> AnnotationShape:
     box = Box(x_px=values[0], y_px=values[1], width_px=values[2], height_px=values[3])
     if box.width_px <= 0 or box.height_px <= 0:
         problem = f"box {describe_box(box)}: width and height must be more than 0 px"
+        return AnnotationShape(box=box, problem=problem)
+    if box.width_px < _MIN_SIDE_PX and box.height_px < _MIN_SIDE_PX:
+        problem = f"box {describe_box(box)} is smaller than a pixel: in shares of the photograph? give pixels"
         return AnnotationShape(box=box, problem=problem)
     area = parse_number(annotation.area)
     if area is not None and area > 0 and mask is None and not is_same_area(area, box.width_px * box.height_px):

@@ -7,67 +7,21 @@ from __future__ import annotations
 
 import json
 import logging
-import math
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from facadelake.core.errors import InputDataError
-from facadelake.detection.boxes import ROUNDING_PX
+from facadelake.detection.coco.box_convention import refuse_other_boxes
+from facadelake.detection.coco.coco_records import CocoAnnotation, CocoFile, CocoImage, parse_number
 
 _log = logging.getLogger(__name__)
 _WHOLE_NUMBER = re.compile(r"-?(0|[1-9]\d{0,17})(\.0+)?")
 _EXACT_FLOAT_MAX = 2.0**53  # larger floats are not exact, so two ids may have become one
 _QUOTED_MAX = 120
-_CORNERS_MIN = 3  # boxes that leave their images, from which corners are told where no areas are stated
-_Values = tuple[float, float, float, float]
 _EXPORT = "export it again as COCO (object detection) with images, annotations and categories"
-
-
-@dataclass(frozen=True, kw_only=True)
-class CocoImage:
-    """An entry of ``images``; a size that the file does not state is None."""
-
-    file_name: str
-    width_px: float | None
-    height_px: float | None
-
-
-@dataclass(frozen=True, kw_only=True)
-class CocoAnnotation:
-    """An entry of ``annotations`` as in the file: fields from ``bbox`` on are not validated.
-
-    ``crack_width_px`` and ``rotation`` (degrees clockwise about the box's centre, CVAT) are read from the entry or from
-    its ``attributes``, where annotation tools store custom fields; ``subject`` from the attributes of a review task.
-    """
-
-    annotation_id: str
-    image_id: int | str
-    category_id: int | str
-    bbox: Any
-    score: Any
-    segmentation: Any = None
-    area: Any = None
-    rotation: Any = None
-    crack_width_px: Any = None
-    is_crowd: bool = False
-    subject: str | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class CocoFile:
-    """Images and category names by their ids; annotations in the file's order.
-
-    Ids are whole numbers or text; 5, 5.0 and "5" are one id.
-    """
-
-    path: Path
-    images: Mapping[int | str, CocoImage]
-    categories: Mapping[int | str, str]
-    annotations: tuple[CocoAnnotation, ...]
 
 
 def read_coco(path: Path) -> CocoFile:
@@ -175,13 +129,6 @@ def _abbreviate(entry: Mapping[str, Any]) -> str:
     return text if len(text) <= _QUOTED_MAX else f"{text[:_QUOTED_MAX]} ..."
 
 
-def parse_number(value: Any) -> float | None:
-    """``value`` as a finite number, else None; text and true/false are not numbers."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    return float(value) if abs(value) < 1e15 else None  # also False for NaN
-
-
 def _get_value_or_attribute(entry: Mapping[str, Any], name: str) -> Any:
     attributes = entry.get("attributes")
     return entry.get(name, attributes.get(name) if isinstance(attributes, dict) else None)
@@ -239,72 +186,3 @@ def _parse_text(entry: Mapping[str, Any], field: str, path: Path, key: str, inde
     if not isinstance(value, str) or not value.strip() or not is_storable(value):
         raise InputDataError(f"detections file {path}: {key}[{index}].{field} is {value!r}; every entry needs a text")
     return value
-
-
-def refuse_other_boxes(coco: CocoFile) -> None:
-    """Raise InputDataError where the boxes as a whole are not [x, y, width, height] in pixels."""
-    listed = [one for one in coco.annotations if isinstance(one.bbox, list) and len(one.bbox) == 4]
-    boxes = [(one, box) for one in listed if (box := parse_box_values(one.bbox)) is not None]
-    values = [value for _, box in boxes for value in box]
-    if len(boxes) == len(listed) and any(values) and all(0 <= value <= 1 for value in values):
-        raise InputDataError(
-            f"detections file {coco.path}: all {len(boxes)} boxes lie within 0..1, so they are normalised; "
-            "COCO boxes are [x, y, width, height] in pixels: export boxes in pixels"
-        )
-    reason = _find_corners(coco, boxes)
-    if reason:
-        raise InputDataError(
-            f"detections file {coco.path}: the boxes seem to be [x1, y1, x2, y2]: {reason}; COCO boxes are [x, y, "
-            "width, height] in pixels: export them so"
-        )
-
-
-def _find_corners(coco: CocoFile, boxes: Sequence[tuple[CocoAnnotation, _Values]]) -> str:
-    """Why the boxes must be corners: by the areas stated, else by boxes that leave their images unless they are
-    corners; empty where they need not be."""
-    stated = [
-        (area, box)
-        for one, box in boxes
-        if not one.segmentation and (area := parse_number(one.area)) is not None and area > 0
-    ]
-    if stated and all(
-        _may_be_corners(box)
-        and is_same_area(area, (box[2] - box[0]) * (box[3] - box[1]))
-        and not is_same_area(area, box[2] * box[3])
-        for area, box in stated
-    ):
-        return f"the areas of all {len(stated)} boxes that state one are those of corners, not width x height"
-    sized = [(image, box) for one, box in boxes if (image := coco.images.get(one.image_id)) is not None]
-    beyond = sum(not _is_inside(image, box[0] + box[2], box[1] + box[3]) for image, box in sized)
-    if (
-        2 * beyond > len(sized) >= _CORNERS_MIN
-        and len(sized) == len(boxes)
-        and all(_may_be_corners(box) and _is_inside(image, box[2], box[3]) for image, box in sized)
-    ):
-        return f"read as x, y, width, height, {beyond} of {len(sized)} leave their images, and as corners none does"
-    return ""
-
-
-def _may_be_corners(box: _Values) -> bool:
-    return box[2] > box[0] and box[3] > box[1]
-
-
-def _is_inside(image: CocoImage, right_px: float, bottom_px: float) -> bool:
-    return (
-        image.width_px is None
-        or image.height_px is None
-        or (right_px <= image.width_px + ROUNDING_PX and bottom_px <= image.height_px + ROUNDING_PX)
-    )
-
-
-def is_same_area(one: float, other: float) -> bool:
-    """Whether two areas agree within rounding of the sides to whole pixels, or 2 %."""
-    return abs(one - other) <= max(2 * math.sqrt(max(one, other, 1.0)), 0.02 * max(one, other))
-
-
-def parse_box_values(bbox: Any) -> _Values | None:
-    """The four numbers of a bbox; None where it is not four finite numbers."""
-    if not isinstance(bbox, list) or len(bbox) != 4:
-        return None
-    x, y, width, height = map(parse_number, bbox)
-    return None if x is None or y is None or width is None or height is None else (x, y, width, height)

@@ -14,7 +14,7 @@ import shapely
 import shapely.affinity
 
 from facadelake.detection.boxes import ROUNDING_PX, Box
-from facadelake.detection.coco.coco_file import CocoFile, CocoImage, parse_box_values
+from facadelake.detection.coco.coco_records import CocoFile, CocoImage, parse_box_values
 from facadelake.detection.coco.unstated_size import find_boxes_of_another_size
 from facadelake.registry import ExifView
 

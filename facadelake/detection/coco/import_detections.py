@@ -19,10 +19,15 @@ from facadelake.core.progress import track
 from facadelake.core.tables import table_from_rows
 from facadelake.detection.boxes import Box, clip_box
 from facadelake.detection.coco.annotation_shape import AnnotationShape, parse_shape
-from facadelake.detection.coco.coco_file import CocoAnnotation, CocoFile, CocoImage, parse_number, read_coco
+from facadelake.detection.coco.coco_file import read_coco
+from facadelake.detection.coco.coco_records import CocoAnnotation, CocoFile, CocoImage, parse_number
 from facadelake.detection.coco.exif_view import AS_STORED, BoxView, StoredImage, find_views
 from facadelake.detection.coco.mask import fit_mask
-from facadelake.detection.coco.unstated_size import is_size_stated, refuse_boxes_of_smaller_copies
+from facadelake.detection.coco.unstated_size import (
+    describe_boxes_of_smaller_copies,
+    is_size_stated,
+    refuse_boxes_of_smaller_copies,
+)
 from facadelake.detection.crosswalk import Crosswalk, build_crosswalk
 from facadelake.registry import ExifView
 from schemas.vocabulary import DetectionOutcome, PhotoOutcome
@@ -128,11 +133,14 @@ def _match_images(
     }
     stored = {image_id: photo.stored for image_id, photo in photographs.items() if photo.stored is not None}
     refuse_boxes_of_smaller_copies(coco, stored)
+    suspicion = describe_boxes_of_smaller_copies(coco, stored)
+    if suspicion:
+        _log.warning("%s: %s", coco.path.name, suspicion)
     for image_id, view in find_views(coco, stored, exif_view).items():
         photographs[image_id] = (
             replace(photographs[image_id], decision=_BoxDecision(outcome=DetectionOutcome.BAD_BOX, reason=view))
             if isinstance(view, str)
-            else replace(photographs[image_id], view=view)
+            else replace(photographs[image_id], view=view, remark=photographs[image_id].remark or suspicion)
         )
     for annotation in coco.annotations:
         if annotation.image_id not in photographs:

@@ -13,7 +13,7 @@ import shapely
 
 from facadelake.core.arrays import Float64Nx4, Int64Array
 from facadelake.detection.boxes import Box
-from facadelake.detection.coco.coco_file import parse_number
+from facadelake.detection.coco.coco_records import parse_number
 
 _SIMPLIFY_TOLERANCE_PX = 0.5  # an outline of whole pixels is a staircase; it is simplified within this distance
 _PIXELS_MAX = 2**31  # no photograph is larger

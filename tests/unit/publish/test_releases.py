@@ -13,6 +13,7 @@ import pyogrio
 import pyproj
 import pytest
 import shapely
+from PIL import Image, ImageChops
 
 from facadelake.core.duckdb_engine import open_duckdb
 from facadelake.core.errors import InputDataError, StoreError
@@ -344,6 +345,9 @@ def test_regraded_campaign_keeps_its_pictures_with_a_note(lake: tuple[Path, int]
     (tmp_path / "pictures" / "crops").mkdir(parents=True)
     (tmp_path / "pictures" / "crops" / "1.png").write_bytes(b"picture")
     (tmp_path / "pictures" / "report.html").write_text("<h1>Tower</h1><h1>minor</h1>")
+    (tmp_path / "pictures" / "cards").mkdir()
+    card = Image.new("RGB", (1200, 100), "white")
+    card.save(tmp_path / "pictures" / "cards" / "card_1.png")
     folder, old = lake
     first = publish_campaign(folder, version=old, pictures=tmp_path / "pictures", **KEYS)
     for pack in ("nyc_fisp_v1", "bre251_v1"):
@@ -355,6 +359,12 @@ def test_regraded_campaign_keeps_its_pictures_with_a_note(lake: tuple[Path, int]
         assert report.count("regraded") == 1
         assert report.startswith("<h1>Tower</h1><p ")
         assert f"This report shows version {old} of the lake" in report
+        with Image.open(new / "cards" / "card_1.png") as marked:  # a card that is printed alone says so, too
+            note = f"Grades of version {old} of the lake. Regraded since: the current grades are in the tables."
+            assert marked.info["Older grades"] == note
+            assert marked.size == (1200, 148)
+            assert ImageChops.difference(marked.crop((0, 48, 1200, 148)), card).getbbox() is None
+            assert marked.crop((0, 0, 1200, 48)).getextrema()[0][0] < 50  # dark text
         assert set(pq.read_table(new / "defects.parquet")["severity_rule"].to_pylist()) == {pack}
         assert f"Graded by: {pack} (rules)" in (new / "README.txt").read_text()
         assert str((new.parent / "latest").readlink()) == new.name

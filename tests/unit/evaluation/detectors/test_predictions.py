@@ -44,6 +44,7 @@ def test_one_run_gives_what_two_would(tmp_path: Path, size: tuple[int, int], thr
 
 
 def test_boxes_of_a_file_are_filtered_and_found_by_the_end_of_their_path(tmp_path: Path) -> None:
+    one = replace(image("walls/north/a.png"), path=picture(tmp_path / "a.png"))
     boxes = [
         {"id": 1, "image_id": 1, "category_id": 1, "bbox": [1, 2, 30, 4], "score": 0.9},
         {"id": 2, "image_id": 1, "category_id": 1, "bbox": [1, 2, 30, 4], "score": 0.2},
@@ -52,12 +53,11 @@ def test_boxes_of_a_file_are_filtered_and_found_by_the_end_of_their_path(tmp_pat
         {"id": 5, "image_id": 1, "category_id": 3, "bbox": [1, 2, 3, 4]},
     ]
     names = [{"id": i, "name": name} for i, name in enumerate(["crack", "spalling", "person"], start=1)]
-    content = {"images": [{"id": 1, "file_name": "north/a.png"}], "annotations": boxes, "categories": names}
+    images = [{"id": 1, "file_name": "north/a.png", "width": one.width_px, "height": one.height_px}]
+    content = {"images": images, "annotations": boxes, "categories": names}
     file = tmp_path / "found.json"
     file.write_text(json.dumps(content))
     looker = CocoPredictionSource(file, threshold=0.5)
-    one = image("walls/north/a.png")
-    one = replace(one, path=picture(tmp_path / "a.png"))
     other = replace(one, key="walls/south/a.png")
     found = collect_predictions(looker, [one, other], build_crosswalk({}))
     assert [(p.score, p.box.width_px) for p in found.above_threshold[one.key]] == [(1.0, 5), (0.9, 30)]  # cut to 100 px
