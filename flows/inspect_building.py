@@ -30,7 +30,7 @@ from tasks.merge import merge_duplicates
 from tasks.place_building import place_building
 from tasks.publish import publish
 from tasks.reconstruct import reconstruct_block
-from tasks.register import register
+from tasks.register import list_registration_warnings, register
 from tasks.validate import validate_tables
 from tasks.verify_model import verify_model
 
@@ -116,6 +116,7 @@ def inspect_building(
     found = imported or detect(job, model, photos, placed)
     measured = measure(job, photos, found)
     registered = register(job, model, placed, measured, block)
+    warnings += list_registration_warnings(job, registered)
     merged = merge_duplicates(job, model, photos, placed, registered, measured)
     integrity = verify_model(job, model, block, placed)
     results = StageResults(

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import shapely
 
-from facadelake.core.arrays import Float64Array
+from facadelake.core.arrays import Float64Array, Float64x3
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SiteOrigin
@@ -69,6 +69,20 @@ def build_poses_table(
         else:
             pose = build_pose_columns(prior.posed, prior.covariance, origin)
             rows.append(columns | {"pose_source": PoseSource.PRIOR} | pose)
+    return table_from_rows("poses", rows)
+
+
+def widen_poses(poses: pa.Table, error_m: Float64x3) -> pa.Table:
+    """Table ``poses`` with an error (3,: east, north, up) of all positions added to covariances and sigmas."""
+    if not np.any(error_m):
+        return poses
+    rows = poses.to_pylist()
+    for row in rows:
+        if row["covariance"] is None:
+            continue
+        covariance = np.reshape(row["covariance"], (6, 6))
+        covariance[:3, :3] += np.diag(np.square(error_m))
+        row |= _build_covariance_columns(covariance)
     return table_from_rows("poses", rows)
 
 

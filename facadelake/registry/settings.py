@@ -23,7 +23,7 @@ from schemas.vocabulary import DefectClass
 class StrictModel(BaseModel):
     """A mapping of the portfolio: immutable, without unknown keys."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 def _check_time_zone(name: str) -> str:
@@ -171,6 +171,10 @@ class AcceptedStatement(StrictModel):
     def _check_single_limit(self) -> Self:
         if (self.deviation_max_m is None) == (self.share_min is None):
             raise ValueError("give one limit: 'deviation_max_m' in metres, or 'share_min' of photographs or tie points")
+        in_metres = self.statement not in ("model_in_view", "tie_points")
+        if (in_metres and self.share_min is not None) or (self.statement == "model_in_view" and self.deviation_max_m):
+            limit = "deviation_max_m" if in_metres else "share_min"
+            raise ValueError(f"'{self.statement}' is compared by '{limit}'; give that one")
         return self
 
 

@@ -288,7 +288,9 @@ def test_a_datum_far_from_wgs_84_is_not_taken_for_it_unless_the_portfolio_names_
     (tmp_path / "a.jpg").write_bytes(photograph_with(GPS | {18: "TOKYO"}))
     (row,) = rows_of(tmp_path)
     assert row["prior_sigma_horizontal_m"] == 500  # m; Tokyo lies 450 m from WGS 84
-    assert "GPSMapDatum is TOKYO" in row["prior_warnings"] and "crs.gnss" in row["prior_warnings"]
+    assert row["prior_warnings"] == (
+        "EXIF GPSMapDatum is TOKYO, read as WGS 84 with a sigma of 500 m: name the CRS of the positions in crs.gnss"
+    )
     (named,) = ingest_photographs(
         tmp_path, distance_to_model_m=None, close_range_below_m=8.0, gnss_crs="EPSG:4301"
     ).to_pylist()

@@ -283,3 +283,28 @@ def test_decimals_of_the_height_enter_its_sigma(tmp_path: Path) -> None:
     prior = file.positions["a.jpg"]
     assert prior.sigma.vertical_m == pytest.approx(math.hypot(0.021, 1 / math.sqrt(12)), rel=1e-12)
     assert prior.warnings == ("ppk.csv: the height is written in steps of 1 m",)
+
+
+@pytest.mark.parametrize("quality", ["1", "0.85"])
+def test_a_column_quality_is_no_rtklib_solution(quality: str, tmp_path: Path) -> None:
+    """In NMEA 1 is a fix without corrections, in Metashape it is the picture's: once read as a fix of 2 cm."""
+    text = f"name,latitude,longitude,height,quality\na.jpg,48.940512345,8.407812345,180.5123,{quality}\n"
+    file = read(tmp_path, text)
+    assert file.positions["a.jpg"].sigma == SIGMA_DRONE
+    assert "ppk.csv: columns not recognised, and not used: quality; " in file.remarks[0]
+    solution = read(tmp_path, text.replace("quality", "Q").replace(f",{quality}\n", ",1\n"))
+    assert solution.positions["a.jpg"].sigma == SIGMA_RTK_FIXED
+
+
+def test_a_line_with_more_fields_than_columns_is_not_read(tmp_path: Path) -> None:
+    """1.180,12 is 1,180.12 m; once its first part was a height of 1.18 m."""
+    text = "name,latitude,longitude,height\na.jpg,48.940512,8.407812,180.5,\nb.jpg,48.940512,8.407812,1.180,12\n"
+    file = read(tmp_path, text)
+    assert list(file.positions) == ["a.jpg"]
+    assert "): 5 fields for 4 columns (a decimal comma, or a blank in a name?)" in file.problems[0]
+
+
+def test_an_angle_that_is_no_number_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputDataError) as raised:
+        read(tmp_path, "name,latitude,longitude\na.jpg,48 deg 56' 25.80\" N,8 deg 24' 28.08\" E\n")
+    assert "latitude '48 deg 56' 25.80\" N' is not a number of degrees" in str(raised.value)

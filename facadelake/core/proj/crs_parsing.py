@@ -24,7 +24,10 @@ _HEIGHT_STATEMENT = re.compile(
     rf"|(?=ellipsoid(?:al|ic) heights?){_ELLIPSOIDAL.pattern}",
     re.IGNORECASE,
 )
-_MENTIONS_HEIGHT = re.compile(r"height|vertical|geoid|orthometric|elevation|level|ellipsoidal", re.IGNORECASE)
+_MENTIONS_HEIGHT = re.compile(
+    r"height|vertical|geoid|orthometric|elevation|level|ellipsoid(?:al|ic)|convert|reduce|correct|transform|\b(?:nhn|nn|a?msl)\b",
+    re.IGNORECASE,
+)
 _GNSS_ELLIPSOIDS = ("WGS 84", "GRS 1980")
 _CODE = re.compile(r"^(?:urn:ogc:def:crs:)?EPSG:{1,2}(\d+)$|^(\d{4,5})$", re.IGNORECASE)
 

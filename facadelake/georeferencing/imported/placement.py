@@ -30,7 +30,7 @@ from facadelake.georeferencing.datum_shift import (
 from facadelake.georeferencing.gcp.control_points import SurveyedPoints, describe_doubtful_marks, match_marks
 from facadelake.georeferencing.imported.plausibility import check_plausibility
 from facadelake.georeferencing.imported.records import ImportedPose, ImportedPoses
-from facadelake.georeferencing.imported.validation import ImportValidation, validate_imported_poses
+from facadelake.georeferencing.imported.validation import COVERED, ImportValidation, validate_imported_poses
 from facadelake.georeferencing.initial_placement import CONTROL_SIGMA_M
 from facadelake.georeferencing.model_checks import check_cameras
 from facadelake.georeferencing.passport import build_points_table
@@ -40,7 +40,7 @@ from facadelake.georeferencing.placement_checks import (
     check_surveyed_points,
     require_agreement,
 )
-from facadelake.georeferencing.poses_table import build_pose_columns
+from facadelake.georeferencing.poses_table import build_pose_columns, widen_poses
 from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.registry import AcceptedStatement
 from schemas.vocabulary import ControlKind, PhotoOutcome, PlacementStatement, PoseSource
@@ -138,7 +138,6 @@ def place_imported_poses(
     validation = validate_imported_poses(posed, accepted, matched, site_frame)
     sigma_m = _require_accuracy(poses, validation, shift, placement_sigma_max_m)
     gps_shift = find_datum_shift(site_frame.gnss_crs, site_frame)
-    cameras = list(posed.values())
     lowest_m, highest_m = surface.vertices_site_m[:, 2].min(), surface.vertices_site_m[:, 2].max()
     checks = (
         *check_gps(
@@ -150,10 +149,10 @@ def place_imported_poses(
             datum_unknown=validation.gps_datum_unknown,
         ),
         check_surveyed_points(PlacementStatement.SURVEYED_POINTS, validation.held_out_m, sigma_m, CONTROL_SIGMA_M),
-        *check_cameras(cameras, surface, float(lowest_m), float(highest_m)),
+        *check_cameras(list(posed.values()), surface, float(lowest_m), float(highest_m)),
     )
     checks = accept_statements(checks, accepted_statements)
-    centres = np.array([camera.centre_site_m for camera in cameras])
+    centres = np.array([camera.centre_site_m for camera in posed.values()])
     disagreements = require_agreement(
         checks,
         control=ControlKind.IMPORTED,
@@ -161,16 +160,17 @@ def place_imported_poses(
         placement_sigma_max_m=placement_sigma_max_m,
         height_ellipsoidal_m=float(np.median(site_frame.origin.geo_from_site(centres)[:, 2])),
     )
+    common_m = validation.find_common_error_m(checks)
     return ImportedPlacement(
-        poses=poses,
+        poses=widen_poses(poses, common_m),
         georeference=_build_passport(
             imported,
             poses,
             site_frame=site_frame,
             shift=shift,
-            remarks=[*disagreements, *remarks],
+            remarks=[*disagreements, *([COVERED] if common_m.any() else []), *remarks],
             validation=validation,
-            sigma_m=sigma_m,
+            sigma_m=np.hypot(sigma_m, common_m),
         ),
         placement_checks=build_checks_table(checks),
         georeference_points=build_points_table(validation.points, site_frame.origin),

@@ -8,16 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from facadelake.core.arrays import Float64N, Float64Nx3, Int64Array
+from facadelake.core.arrays import Float64N, Float64Nx3, Float64x3, Int64Array
 from facadelake.core.camera import PosedCamera
 from facadelake.core.geodesy import SITE_AXES
 from facadelake.georeferencing.datum_shift import site_from_crs
 from facadelake.georeferencing.gcp.control_points import SurveyedPoints, transform_to_site
 from facadelake.georeferencing.passport import PassportPoint
+from facadelake.georeferencing.placement_checks import PlacementCheck
 from facadelake.georeferencing.site_frame import SiteFrame
 from facadelake.georeferencing.triangulation import ImageRay, intersect_rays
-from schemas.vocabulary import HeightDatum, PointKind, PositionSource
+from schemas.vocabulary import HeightDatum, PlacementStatement, PointKind, PositionSource
 
+COVERED = "the sigmas contain the mean deviation of the check points"
 _MIN_PRIORS = 3
 _MAD_TO_SIGMA = 1.4826
 
@@ -42,6 +44,16 @@ class ImportValidation:
     def held_out_m(self) -> Float64N:
         """Distances (n,) of surveyed points from their intersection by the imported cameras."""
         return np.array([np.linalg.norm(p.residual_site_m) for p in self.points if p.kind is PointKind.CHECK])
+
+    def find_common_error_m(self, checks: Sequence[PlacementCheck]) -> Float64x3:
+        """Mean deviation (3,) of the surveyed points where ``checks`` have them contradict the poses, else zeros.
+
+        It is an error common to all poses, which their sigmas then contain.
+        """
+        if not any(check.disagrees and check.statement is PlacementStatement.SURVEYED_POINTS for check in checks):
+            return np.zeros(3)
+        residuals = [point.residual_site_m for point in self.points if point.kind is PointKind.CHECK]
+        return np.asarray(np.mean(residuals, axis=0))
 
 
 def validate_imported_poses(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -51,7 +51,7 @@ _COLUMNS: dict[str, str] = {
         ),
         "vertical",
     ),
-    **dict.fromkeys(("q", "quality"), "quality"),
+    "q": "quality",  # RTKLIB's; "quality" may be NMEA's (1: no corrections) or that of the picture
     **dict.fromkeys(("gpslatituderef", "latituderef", "latref", "latitudehemisphere", "lathemisphere"), "lat_ref"),
     **dict.fromkeys(("gpslongituderef", "longituderef", "lonref", "longitudehemisphere", "lonhemisphere"), "lon_ref"),
     **dict.fromkeys(("gpsaltituderef", "altituderef", "altref"), "height_ref"),
@@ -67,7 +67,7 @@ _SIGMA_UNITS = {"mm": 0.001, "cm": 0.01}
 _TIME_COLUMNS = ("gpst", "utc", "jst")  # RTKLIB writes date and time as two columns under one of these names
 # Names of columns that may be heights or accuracies, for those that are not recognised.
 _LIKE_HEIGHT = re.compile(r"alt|height|hgt|hoehe|höhe|elev|msl|ellips")
-_LIKE_SIGMA = re.compile(r"sigma|std|acc|rms|error|sd[a-z]?$")
+_LIKE_SIGMA = re.compile(r"sigma|std|acc|rms|error|quality|sd[a-z]?$")
 _NOT_LIKE = re.compile(r"antenna|sd(ne|eu|un)|solution|status|units?$")
 
 
@@ -84,11 +84,12 @@ class PositionLine:
 class PositionColumns:
     """The columns and lines of a positions file.
 
-    ``index`` is the column of each kind and ``names`` its name; ``sigma_factor`` converts accuracies to metres by the
-    kind of their column, 1 where it states no unit, which ``states_unit`` then lacks. ``unrecognised`` are names of
-    columns that may be heights or accuracies, where the file has no others.
+    ``count`` is their number, ``index`` is the column of each kind and ``names`` its name; ``sigma_factor`` converts
+    accuracies to metres by the kind of their column, 1 where it states no unit, which ``states_unit`` then lacks.
+    ``unrecognised`` are names of columns that may be heights or accuracies, where the file has no others.
     """
 
+    count: int
     index: Mapping[str, int]
     names: Mapping[str, str]
     sigma_factor: Mapping[str, float]
@@ -172,7 +173,7 @@ def _name_column(text: str) -> tuple[str, str]:
     return kind, unit
 
 
-def _index_columns(path: Path, names: Iterable[str], rows: Sequence[PositionLine], delimiter: str) -> PositionColumns:
+def _index_columns(path: Path, names: Sequence[str], rows: Sequence[PositionLine], delimiter: str) -> PositionColumns:
     """The columns by kind.
 
     Args:
@@ -218,6 +219,7 @@ def _index_columns(path: Path, names: Iterable[str], rows: Sequence[PositionLine
         *([] if any(kind in index for kind in SIGMAS) else [_LIKE_SIGMA]),
     ]
     return PositionColumns(
+        count=len(names),
         index=index,
         names=named,
         sigma_factor={kind: _SIGMA_UNITS.get(units[kind], 1.0) for kind in SIGMAS if kind in index},

@@ -24,7 +24,7 @@ from facadelake.photos.gps_block import GpsAltitude, GpsAngle, parse_gps_altitud
 from facadelake.photos.position_prior import PositionPrior, check_position
 from facadelake.photos.position_sigma import PositionSigma, widen_by_steps
 from facadelake.photos.positions_file.accuracies import check_unit, read_sigma
-from facadelake.photos.positions_file.columns import HEIGHTS, PositionColumns, read_columns
+from facadelake.photos.positions_file.columns import HEIGHTS, PositionColumns, PositionLine, read_columns
 from facadelake.photos.positions_file.numbers import find_step, parse_number
 from schemas.vocabulary import HeightDatum, PositionSource
 
@@ -91,7 +91,8 @@ def read_position_file(path: Path, layout: PositionFileFormat) -> PositionFile:
         name, where = values["name"], f"line {line.number} ({line.text[:60]})"
         lat, lon = (_parse_angle(values, axis, delimiter) for axis in ("lat", "lon"))
         altitude, no_height = _parse_height(values, height, delimiter)
-        unread = lat.problem or lon.problem or check_position(lon.angle_deg, lat.angle_deg) or no_height
+        unread = ("" if layout.columns else _find_extra_fields(line, columns)) or lat.problem or lon.problem
+        unread = unread or check_position(lon.angle_deg, lat.angle_deg) or no_height
         problem = unread if name else "no name"
         if problem:
             problems.append(f"{where}: {problem}")
@@ -126,9 +127,20 @@ def read_position_file(path: Path, layout: PositionFileFormat) -> PositionFile:
     return PositionFile(path=path, positions=positions, problems=tuple(problems), remarks=tuple(filter(None, remarks)))
 
 
+def _find_extra_fields(line: PositionLine, columns: PositionColumns) -> str:
+    """Why a line is not read by the columns: it has more fields, so that a comma or a blank in one divides it."""
+    count = len(line.fields) - sum(not field.strip() for field in line.fields[columns.count :])
+    if count <= columns.count:
+        return ""
+    return f"{count} fields for {columns.count} columns (a decimal comma, or a blank in a name?)"
+
+
 def _parse_angle(values: Mapping[str, str], axis: str, delimiter: str) -> GpsAngle:
     """Latitude or longitude (``axis`` lat or lon), by its reference where the file has a column of it."""
-    angle_deg = parse_number(values.get(axis, ""), delimiter)
+    text = values.get(axis, "")
+    angle_deg = parse_number(text, delimiter)
+    if text and math.isnan(angle_deg):
+        return GpsAngle(problem=f"{_AXES[axis]} '{text[:30]}' is not a number of degrees")
     if f"{axis}_ref" not in values or math.isnan(angle_deg):
         return GpsAngle(angle_deg=angle_deg)
     return parse_gps_angle(angle_deg, values[f"{axis}_ref"], _AXES[axis])

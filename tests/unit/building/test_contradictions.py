@@ -150,6 +150,8 @@ def test_web_mercator_without_its_scale_is_refused(write_ifc):
         ("heights are not ellipsoidal", False),
         ("heights are ellipsoidal, DHHN92", False),
         ("ellipsoidal heights, reduced to the geoid", False),
+        ("heights: ellipsoidal (GRS80), then converted to NHN", False),
+        ("ellipsoidal heights, NHN", False),
         ("Ellipsoid GRS80", False),
         ("", False),
     ],

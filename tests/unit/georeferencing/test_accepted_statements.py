@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from dataclasses import replace
+
 import pytest
 from pydantic import ValidationError
 
@@ -64,7 +66,8 @@ def test_shares_are_accepted_down_to_a_limit() -> None:
     few = state(PlacementStatement.MODEL_IN_VIEW, 0.2, unit="share")
     assert accept_statements([few], [accept("model_in_view", share_min=0.1)])[0].outcome is ACCEPTED
     assert accept_statements([few], [accept("model_in_view", share_min=0.22)])[0].outcome is DISAGREES
-    assert accept_statements([few], [accept("model_in_view", deviation_max_m=9.0)])[0].outcome is DISAGREES
+    unlike = replace(few, statement=PlacementStatement.TIE_POINTS)
+    assert accept_statements([unlike], [accept("tie_points", deviation_max_m=9.0)])[0].outcome is DISAGREES
 
 
 @pytest.mark.parametrize(

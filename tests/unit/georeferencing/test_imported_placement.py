@@ -142,6 +142,27 @@ def mark_points(points_m: dict[str, np.ndarray]) -> SurveyedPoints:
     return SurveyedPoints(source="gcp_list.txt", crs="EPSG:25832", points=tuple(surveyed))
 
 
+def test_sigmas_contain_what_surveyed_points_contradict(tmp_path: Path) -> None:
+    """Poses 40 cm too high at a stated 1 cm, within the accuracy that a campaign must have: once committed at 1 cm."""
+    points = {"P1": np.array([-4.0, 0.0, 1.0]), "P2": np.array([4.0, 0.0, 6.0]), "P3": np.array([0.0, 0.0, 3.0])}
+    path = write_geo_csv(tmp_path, head="# sigma_position_m: 0.01\n# sigma_attitude_deg: 0.02\n")
+    high = path.read_text()
+    for xyz in CENTRES:
+        high = high.replace(format_geo(xyz), format_geo(xyz + np.array([0, 0, 0.4])))
+    path.write_text(high)
+    found = place_imported_poses(
+        read_poses(path), build_photos(), site_frame=PLACE, surface=build_wall(), placement_sigma_max_m=0.5,
+        surveyed=[mark_points(points)],
+    )  # fmt: skip
+    (row,) = found.georeference.to_pylist()
+    assert row["sigma_up_m"] == pytest.approx(np.hypot(0.01, 0.4), rel=0, abs=1e-3)  # m
+    assert row["sigma_east_m"] == pytest.approx(0.01, rel=0, abs=1e-3)  # m
+    assert "; the sigmas contain the mean deviation of the check points" in row["remarks"]
+    for pose in found.poses.to_pylist():
+        assert pose["sigma_up_m"] == pytest.approx(np.hypot(0.01, 0.4), rel=0, abs=1e-3)  # m
+        assert pose["covariance"][14] == pytest.approx(pose["sigma_up_m"] ** 2, rel=1e-9)
+
+
 def test_surveyed_points_and_gps_judge_the_poses(tmp_path: Path) -> None:
     """Poses 5 cm too high see every point 5 cm too high; GPS 30 m above them is outvoted by the surveyed points."""
     points = {"P1": np.array([-4.0, 0.0, 1.0]), "P2": np.array([4.0, 0.0, 6.0]), "P3": np.array([0.0, 0.0, 3.0])}

@@ -171,6 +171,23 @@ def test_statements_are_accepted_for_the_campaigns_that_are_named(tmp_path: Path
     assert building.list_accepted_statements("2026-10") == ()
 
 
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ("accept_placement: [{statement: gps_height, share_min: 0.5, reason: no receiver on board}]",
+         "'gps_height' is compared by 'deviation_max_m'; give that one"),
+        ("accept_placement: [{statement: model_in_view, deviation_max_m: 5, reason: an annex is in view}]",
+         "'model_in_view' is compared by 'share_min'; give that one"),
+        ("crs: {placement: {east_m: .nan, north_m: 5421033, height_m: 178}}", "should be a finite number"),
+        ("tolerances: {placement_sigma_max_m: .inf}", "should be a finite number"),
+    ],
+)  # fmt: skip
+def test_limits_that_could_never_apply_are_named(lines: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(InputDataError) as raised:
+        read_portfolio(_write(tmp_path, GOOD + f"    {lines}\n"))
+    assert message in str(raised.value)
+
+
 @pytest.mark.parametrize("text", ["", "# nothing but a remark\n", "---\n"])
 def test_an_empty_portfolio_is_named(text: str, tmp_path: Path) -> None:
     (tmp_path / "portfolio.yaml").write_text(text)
