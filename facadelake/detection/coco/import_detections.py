@@ -23,6 +23,7 @@ from facadelake.detection.coco.coco_file import read_coco
 from facadelake.detection.coco.coco_records import CocoAnnotation, CocoFile, CocoImage, parse_number
 from facadelake.detection.coco.exif_view import AS_STORED, BoxView, StoredImage, find_views
 from facadelake.detection.coco.mask import fit_mask
+from facadelake.detection.coco.repeated_boxes import find_repeated_boxes
 from facadelake.detection.coco.unstated_size import (
     describe_boxes_of_smaller_copies,
     is_size_stated,
@@ -64,7 +65,7 @@ def import_coco(
     A box partly outside its photograph is clipped to it, with the reason. A box outside, without size, of an unknown
     class or of an unknown photograph is a row with that outcome. A box that is not four numbers is left empty, and the
     reason quotes it; an annotation with a mask and no box has the mask's bounding box. A mask that cannot be used is
-    omitted, with the reason.
+    omitted, with the reason. Of boxes that are in the file twice under two ids, one is used.
 
     Args:
         file: The COCO file.
@@ -117,9 +118,19 @@ def import_coco(
                 "detector_sha256": sha256,
             }
         )
+    _mark_repeated_boxes(rows, file)
     outcomes = Counter(row["detection_outcome"] for row in rows)
     _log.info("%s: %d boxes, %s", file.name, len(rows), ", ".join(f"{n} {name}" for name, n in outcomes.items()))
     return table_from_rows("detections", rows)
+
+
+def _mark_repeated_boxes(rows: list[dict[str, Any]], file: Path) -> None:
+    repeated = find_repeated_boxes(rows)
+    for index, other in repeated.items():
+        rows[index]["detection_outcome"] = str(DetectionOutcome.BAD_BOX)
+        rows[index]["reason"] = f"the same as annotation {rows[other]['source_annotation']}, which is used"
+    if repeated:
+        _log.warning("%s: %d boxes repeat another of their photograph and class; not used", file.name, len(repeated))
 
 
 def _match_images(

@@ -236,7 +236,7 @@ def test_whole_numbers_are_one_id_however_they_are_written(tmp_path: Path) -> No
         tmp_path,
         {**box, "id": 7.0, "category_id": 1.0},
         {**box, "image_id": 2},
-        {**box, "image_id": "1.0", "id": None},
+        {"bbox": [9, 2, 3, 4], "image_id": "1.0", "id": None},
         {**box, "image_id": True},
         {**box, "image_id": 1.5},
         {**box, "image_id": "01"},
