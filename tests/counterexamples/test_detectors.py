@@ -69,6 +69,19 @@ def test_normalised_boxes_are_refused(tmp_path: Path, layout: str) -> None:
     assert "normalised" in get_refusal(tmp_path, output, layout)
 
 
+@pytest.mark.parametrize("layout", ["yolov5", "yolov8"])
+def test_corners_in_the_place_of_centres_and_sizes_are_refused(tmp_path: Path, layout: str) -> None:
+    """They were read as boxes as large as their corner is far from the upper left."""
+    output = make_output(layout, [CRACK])
+    rows = output.transpose(0, 2, 1) if layout == "yolov8" else output
+    centre, size = rows[..., :2].copy(), rows[..., 2:4].copy()
+    rows[..., :4] = np.concatenate([centre - size / 2, centre + size / 2], axis=-1)
+    assert (
+        "all 126 boxes of a probe image, read as centre and size, are wider and higher than their centres are from the "
+        "upper left: they seem to be corners; export it with centres and sizes"
+    ) in get_refusal(tmp_path, output, layout)
+
+
 @pytest.mark.parametrize(
     ("shape", "names"),
     [

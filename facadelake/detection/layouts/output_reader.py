@@ -14,6 +14,7 @@ from facadelake.core.errors import ModelError
 from facadelake.detection.card import ModelCard
 from facadelake.detection.layouts.masks import CandidateMasks
 
+_CORNERS_MIN = 50  # candidates from which corners are told; a grid has one or more per cell
 NO_THRESHOLD = -np.inf  # every candidate passes
 
 
@@ -161,6 +162,24 @@ def check_box_centres(candidates: DetectionCandidates, card: ModelCard, *, reach
     return (
         f"box centres of a probe image, read as layout {card.output.layout}, reach {reach.max():.3g} times the input's "
         f"size ({reach_min:g} to 2 expected): they are not {units}"
+    )
+
+
+def check_sizes_beside_centres(candidates: DetectionCandidates) -> str:
+    """Why numbers read as centre and size must be corners; empty if they need not be.
+
+    The lower right corner lies beyond the upper left one in every row; a size is larger than its centre's coordinates,
+    on both axes, only for the few boxes at the upper left that reach beyond the input.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        size = candidates.corners_input[:, 2:] - candidates.corners_input[:, :2]
+        centre = (candidates.corners_input[:, 2:] + candidates.corners_input[:, :2]) / 2
+    drawn = (size > 0).all(axis=1)
+    if drawn.sum() < _CORNERS_MIN or not (size[drawn] > centre[drawn]).all():
+        return ""
+    return (
+        f"all {drawn.sum()} boxes of a probe image, read as centre and size, are wider and higher than their centres "
+        "are from the upper left: they seem to be corners; export it with centres and sizes"
     )
 
 

@@ -18,6 +18,7 @@ from facadelake.detection.layouts.output_reader import (
     SymbolicDimension,
     check_box_centres,
     check_scores,
+    check_sizes_beside_centres,
 )
 
 _N = SymbolicDimension(name="N")
@@ -75,12 +76,16 @@ class Yolov5Reader(OutputReader):
     def explain_mismatch(
         self, outputs: Sequence[Float32Array], candidates: DetectionCandidates, card: ModelCard
     ) -> str:
-        """Scores outside 0..1, or boxes that are not spread over the input."""
-        return check_scores(candidates) or check_box_centres(
-            candidates,
-            card,
-            reach_min=_REACH_MIN,
-            units="pixels of the input (normalised to 0..1, or offsets in grid cells?)",
+        """Scores outside 0..1, corners, or boxes that are not spread over the input."""
+        return (
+            check_scores(candidates)
+            or check_sizes_beside_centres(candidates)
+            or check_box_centres(
+                candidates,
+                card,
+                reach_min=_REACH_MIN,
+                units="pixels of the input (normalised to 0..1, or offsets in grid cells?)",
+            )
         )
 
 
@@ -110,9 +115,13 @@ class Yolov8Reader(OutputReader):
     def explain_mismatch(
         self, outputs: Sequence[Float32Array], candidates: DetectionCandidates, card: ModelCard
     ) -> str:
-        """Scores outside 0..1, or boxes that are not spread over the input."""
-        return check_scores(candidates) or check_box_centres(
-            candidates, card, reach_min=_REACH_MIN, units="pixels of the input (normalised to 0..1?)"
+        """Scores outside 0..1, corners, or boxes that are not spread over the input."""
+        return (
+            check_scores(candidates)
+            or check_sizes_beside_centres(candidates)
+            or check_box_centres(
+                candidates, card, reach_min=_REACH_MIN, units="pixels of the input (normalised to 0..1?)"
+            )
         )
 
 
