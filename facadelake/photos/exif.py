@@ -30,10 +30,10 @@ class ExifMetadata:
     ``position_step_deg`` the resolution of latitude and longitude as written, ``altitude_step_m`` that of the altitude.
     ``gps_time`` is the receiver's time. ``taken_at`` is that of the camera's clock by ``utc_offset_s``, the offset from
     UTC that EXIF states (None: none, then it is taken as UTC); ``utc_offset`` is set by ``resolve_utc_offsets``.
-    ``two_dimensional``: the fix has no measured height. ``void``: the receiver had no fix. ``unsigned_lat_deg`` and
-    ``unsigned_lon_deg`` are stated in place of ``lat_deg`` and ``lon_deg`` where the hemisphere is unknown;
-    ``position_problem`` says why there is no position although tags of one are there. ``warnings`` says what is damaged
-    or ambiguous, and how it is taken.
+    ``two_dimensional``: the fix has no measured height. ``void``: the receiver had no fix. ``processing_method``:
+    GPS, CELLID, WLAN or MANUAL. ``unsigned_lat_deg`` and ``unsigned_lon_deg`` are stated in place of ``lat_deg``
+    and ``lon_deg`` where the hemisphere is unknown; ``position_problem`` says why there is no position although
+    tags of one are there. ``warnings`` says what is damaged or ambiguous, and how it is taken.
     """
 
     orientation: int | None = None
@@ -61,6 +61,7 @@ class ExifMetadata:
     dop: float = math.nan
     two_dimensional: bool = False
     void: bool = False
+    processing_method: str = ""
     map_datum: str = ""
     direction_deg: float = math.nan
     direction_magnetic: bool = False
@@ -195,6 +196,12 @@ def _check_accuracies(gps: dict[int, Any]) -> list[str]:
     ]
 
 
+def _parse_encoded_text(value: Any) -> str:
+    """A text of EXIF after the 8 bytes that name its character code."""
+    is_coded = isinstance(value, bytes) and value[:5] in (b"ASCII", b"UNICO", b"JIS\0\0", b"\0\0\0\0\0")
+    return parse_text(value[8:].replace(b"\0", b"") if is_coded else value)
+
+
 def read_exif(exif: Exif, *, width_px: int) -> ExifMetadata:
     """Read the EXIF block of a photograph of the given stored width; what is damaged is empty, with a warning."""
     head, head_damage = _read_block(exif, None)
@@ -232,6 +239,7 @@ def read_exif(exif: Exif, *, width_px: int) -> ExifMetadata:
         dop=parse_positive(gps.get(GPS.GPSDOP)),
         two_dimensional=parse_text(gps.get(GPS.GPSMeasureMode)) == "2",
         void=parse_text(gps.get(GPS.GPSStatus)).upper() == "V",
+        processing_method=_parse_encoded_text(gps.get(GPS.GPSProcessingMethod)),
         map_datum=parse_text(gps.get(GPS.GPSMapDatum)),
         direction_deg=parse_number(gps.get(GPS.GPSImgDirection)),
         direction_magnetic=parse_text(gps.get(GPS.GPSImgDirectionRef)).upper() == "M",

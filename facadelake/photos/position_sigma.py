@@ -34,6 +34,8 @@ SIGMA_HANDHELD = PositionSigma(horizontal_m=5.0, vertical_m=10.0)
 _RANGE_ERROR_M = 3.0
 # A two-dimensional fix has an assumed height; a void fix has no satellites.
 _SIGMA_NOT_MEASURED_M = 50.0
+# Positions that are not a receiver's: of the cell of a mobile network, of a WLAN, entered by hand.
+_NETWORK_SIGMA_M = {"CELLID": 1000.0, "WLAN": 50.0, "MANUAL": 50.0}
 _SIGMA_OTHER_DATUM_M = 500.0  # local datums lie 100 to 1000 m from WGS 84 (Tokyo 450 m)
 # Starts of GPSMapDatum, capitals and digits alone, of datums within 2 m of WGS 84.
 _DATUMS_LIKE_WGS84 = (
@@ -96,6 +98,13 @@ def widen_by_fix(
     if exif.two_dimensional:
         vertical_m = max(vertical_m, _SIGMA_NOT_MEASURED_M)
         warnings.append("EXIF GPSMeasureMode is 2: the height is not measured")
+    if exif.processing_method.upper() in _NETWORK_SIGMA_M:
+        horizontal_m = max(horizontal_m, _NETWORK_SIGMA_M[exif.processing_method.upper()])
+        vertical_m = max(vertical_m, _SIGMA_NOT_MEASURED_M)
+        warnings.append(
+            f"EXIF GPSProcessingMethod is {exif.processing_method}: no position of a receiver; its sigma is taken as "
+            f"{horizontal_m:.0f} m"
+        )
     datum = "".join(letter for letter in exif.map_datum.upper() if letter.isalnum())
     if datum and not datum.startswith(_DATUMS_LIKE_WGS84):
         horizontal_m = max(horizontal_m, _SIGMA_OTHER_DATUM_M)

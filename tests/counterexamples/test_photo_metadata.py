@@ -295,3 +295,17 @@ def test_a_datum_far_from_wgs_84_is_not_taken_for_it_unless_the_portfolio_names_
         tmp_path, distance_to_model_m=None, close_range_below_m=8.0, gnss_crs="EPSG:4301"
     ).to_pylist()
     assert named["prior_sigma_horizontal_m"] < 10 and "GPSMapDatum" not in (named["prior_warnings"] or "")
+
+
+@pytest.mark.parametrize(("method", "sigma_m"), [("CELLID", 1000), ("WLAN", 50), ("MANUAL", 50)])
+def test_a_position_that_is_no_receivers(method: str, sigma_m: float, tmp_path: Path) -> None:
+    """The cell of a mobile network was taken for a receiver of 5 m."""
+    (tmp_path / "a.jpg").write_bytes(photograph_with(GPS | {27: b"ASCII\0\0\0" + method.encode()}))
+    (row,) = rows_of(tmp_path)
+    assert row["prior_sigma_horizontal_m"] == sigma_m
+    assert row["prior_warnings"] == (
+        f"EXIF GPSProcessingMethod is {method}: no position of a receiver; its sigma is taken as {sigma_m} m"
+    )
+    (tmp_path / "a.jpg").write_bytes(photograph_with(GPS | {27: b"ASCII\0\0\0GPS"}))
+    (row,) = rows_of(tmp_path)
+    assert row["prior_sigma_horizontal_m"] == 5 and not row["prior_warnings"]

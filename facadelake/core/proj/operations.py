@@ -186,8 +186,18 @@ def _describe_unavailable(
             f"{text}: the grid {', '.join(grids)} of {missing[0].name} ({_format_accuracy(missing[0].accuracy_m)}) is "
             f"not installed; {describe_grid_installation(grids)}, or give heights as ellipsoidal"
         )
+    without = [get_crs_name(crs) for crs in (source, target) if _is_without_datum(crs)]
     # Not "give heights as ellipsoidal": whoever then only renames the datum is wrong by the height of the geoid.
-    return f"{text}: PROJ knows none whose area of use contains the place; check the CRS and the vertical datum"
+    remedy = "check the CRS and the vertical datum"
+    if without:
+        remedy = f"{without[0]} states an ellipsoid and no datum: give an EPSG code such as EPSG:25832, or +datum=WGS84"
+    return f"{text}: PROJ knows none whose area of use contains the place; {remedy}"
+
+
+def _is_without_datum(crs: pyproj.CRS) -> bool:
+    """Whether a PROJ string names an ellipsoid alone, so that no operation from it is known."""
+    datum = (crs.sub_crs_list[0] if crs.is_compound else crs).datum
+    return datum is not None and datum.name.lower().startswith("unknown")
 
 
 def _contains(area: object, lon_deg: float, lat_deg: float) -> bool:

@@ -210,3 +210,12 @@ def test_round_trips_return_to_a_tenth_of_a_millimetre(crs: str, place: tuple[fl
     again = transform(transform(geo, GEO, crs), crs, GEO)
     np.testing.assert_allclose(again[:, :2], geo[:, :2], rtol=0, atol=1e-9)  # deg, 0.1 mm
     np.testing.assert_allclose(again[:, 2], geo[:, 2], rtol=0, atol=1e-4)  # m
+
+
+def test_a_proj_string_without_a_datum_is_named() -> None:
+    """As pyproj and epsg.io write EPSG:25832; the remedy was to check the vertical datum."""
+    with pytest.raises(GeoreferenceError) as raised:
+        transform(np.array([[507_771.0, 5_399_070.4, 482.9]]), "+proj=utm +zone=32 +ellps=GRS80 +units=m +no_defs", GEO)
+    assert " states an ellipsoid and no datum: give an EPSG code such as EPSG:25832, or +datum=WGS84" in str(
+        raised.value
+    )
