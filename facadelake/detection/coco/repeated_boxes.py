@@ -9,8 +9,10 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import shapely
 
+from facadelake.core.arrays import Float64Array, Float64N, Float64Nx4
 from schemas.vocabulary import DetectionOutcome
 
 # Two defects of one class do not fill nine tenths of each other; crossing cracks with one box differ in their masks.
@@ -29,29 +31,37 @@ def find_repeated_boxes(rows: Sequence[Mapping[str, Any]]) -> dict[int, int]:
             alike[row["photo_id"], row["defect_class"]].append(index)
     repeated: dict[int, int] = {}
     for indices in alike.values():
-        kept: list[int] = []
-        for index in sorted(indices, key=lambda i: (-rows[i]["score"], i)):
-            other = next((one for one in kept if _is_same(rows[index], rows[one])), None)
-            if other is None:
-                kept.append(index)
-            else:
-                repeated[index] = other
+        order = sorted(indices, key=lambda i: (-rows[i]["score"], i))
+        boxes = np.array([_read_corners(rows[index]) for index in order])
+        for place, index in enumerate(order):
+            overlap = _measure_box_overlaps(boxes[place], boxes[:place])
+            for earlier in np.flatnonzero(overlap >= _SAME_OVERLAP_MIN):
+                other = order[earlier]
+                if other not in repeated and _have_same_masks(rows[index], rows[other]):
+                    repeated[index] = other
+                    break
     return repeated
 
 
-def _is_same(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    if _measure_overlap(_build_box(one), _build_box(other)) < _SAME_OVERLAP_MIN:
-        return False
-    masks = one.get("mask"), other.get("mask")
-    return None in masks or _measure_overlap(*shapely.make_valid(shapely.from_wkt(masks))) >= _SAME_OVERLAP_MIN
-
-
-def _build_box(row: Mapping[str, Any]) -> Any:
+def _read_corners(row: Mapping[str, Any]) -> tuple[float, float, float, float]:
     left, top = row["box_x_px"], row["box_y_px"]
-    return shapely.box(left, top, left + row["box_width_px"], top + row["box_height_px"])
+    return left, top, left + row["box_width_px"], top + row["box_height_px"]
 
 
-def _measure_overlap(one: Any, other: Any) -> float:
-    common = float(shapely.area(shapely.intersection(one, other)))
-    both = float(shapely.area(one) + shapely.area(other)) - common
-    return common / both if both > 0 else 0.0
+def _measure_box_overlaps(box: Float64Array, others: Float64Nx4) -> Float64N:
+    """Common area over that of both, of a box (4: left, top, right, bottom) and each of the others (n, 4)."""
+    sides = np.minimum(box[2:], others[:, 2:]) - np.maximum(box[:2], others[:, :2])
+    common = np.prod(np.maximum(sides, 0.0), axis=1)
+    areas = np.prod(others[:, 2:] - others[:, :2], axis=1) + np.prod(box[2:] - box[:2])
+    overlap: Float64N = common / (areas - common)
+    return overlap
+
+
+def _have_same_masks(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Whether the masks of two rows are the same; also where one of them has none."""
+    masks = one.get("mask"), other.get("mask")
+    if None in masks:
+        return True
+    shapes = shapely.make_valid(shapely.from_wkt(masks))
+    common = float(shapely.area(shapely.intersection(*shapes)))
+    return common >= _SAME_OVERLAP_MIN * (float(shapely.area(shapes).sum()) - common)
