@@ -184,7 +184,7 @@ def _describe_unavailable(
         grids = missing[0].grids
         return (
             f"{text}: the grid {', '.join(grids)} of {missing[0].name} ({_format_accuracy(missing[0].accuracy_m)}) is "
-            f"not installed; {describe_grid_installation(grids)}, or give heights as ellipsoidal"
+            f"not installed; {describe_grid_installation(grids)}, or convert the heights to ellipsoidal ones"
         )
     without = [get_crs_name(crs) for crs in (source, target) if _is_without_datum(crs)]
     # Not "give heights as ellipsoidal": whoever then only renames the datum is wrong by the height of the geoid.
