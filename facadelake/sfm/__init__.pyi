@@ -1,8 +1,8 @@
 from .as_built_model import build_as_built_model as build_as_built_model
+from .cameras import group_by_camera as group_by_camera
 from .reconstruction import Reconstruction as Reconstruction
 from .reconstruction import read_descriptors as read_descriptors
 from .reconstruction import read_reconstruction as read_reconstruction
-from .reconstruction_job import group_by_camera as group_by_camera
 from .reconstruction_job import reconstruct as reconstruct
 from .settings import ReconstructionSettings as ReconstructionSettings
 from .surface_mesh import read_mesh as read_mesh

@@ -143,8 +143,8 @@ UNKNOWN_DATUM = "EPSG:99999"
             IfcModelSettings(vertical_datum="EPSG:7837"),
             "no transformation from ETRS89 / UTM zone 32N + DHHN2016 height to WGS 84 is available at lon 8.41, lat "
             "48.94: the grid de_bkg_gcg2016.tif of Inverse of ETRS89 to DHHN2016 height (1) + ETRS89 to WGS 84 (1) "
-            "(1.1 m) is not installed; install it (pyproj sync --file de_bkg_gcg2016.tif), or give heights as "
-            "ellipsoidal",
+            "(1.1 m) is not installed; install it (pyproj sync --file de_bkg_gcg2016.tif), or convert the "
+            "heights to ellipsoidal ones",
         ),
         (
             Ifc(crs=CRS | {"Name": "Ettlingen local"}, conversion=CONVERSION),

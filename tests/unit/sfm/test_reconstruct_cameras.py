@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from facadelake.sfm.reconstruction_job import group_by_camera
+from facadelake.sfm.cameras import group_by_camera
 
 
 def row(**metadata: Any) -> dict[str, Any]:
