@@ -99,7 +99,7 @@ def _read_ahead(root: Path, photo_ids: Sequence[str]) -> Iterator[tuple[str, UIn
     """Each photograph with its photo_id; the next one is read in the background."""
     with ThreadPoolExecutor(1) as reader:
         pending: Future[UInt8Image | None] | None = None
-        for photo_id, next_id in zip(photo_ids, [*photo_ids[1:], None], strict=True):
+        for photo_id, next_id in zip(photo_ids, [*photo_ids, None][1:], strict=True):
             image = (pending or reader.submit(read_photograph, root / photo_id)).result()
             pending = reader.submit(read_photograph, root / next_id) if next_id is not None else None
             yield photo_id, image

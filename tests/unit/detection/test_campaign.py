@@ -81,3 +81,22 @@ def test_nothing_is_detected_outside_the_building(tmp_path: Path) -> None:
     nowhere = SearchRegion(gsd_mm=1.0, target=np.zeros((8, 19), dtype=bool))
     assert len(detect_photographs(photos, tmp_path, detector)) == 1
     assert len(detect_photographs(photos, tmp_path, detector, find_region=lambda _: nowhere)) == 0
+
+
+def test_no_accepted_photograph_gives_no_rows(tmp_path: Path) -> None:
+    photos = table_from_rows(
+        "photos",
+        [
+            {
+                "photo_id": "no.jpg", "sha256": "no", "bytes": 1, "photo_outcome": "unreadable",
+                "prior_source": "none", "prior_height_datum": "unknown",
+            }
+        ],
+    )  # fmt: skip
+    model = save_model(tmp_path / "fixed.onnx", make_output("yolov8", [CRACK]))
+    assert (
+        detect_photographs(
+            photos, tmp_path, OnnxDetector(model, ModelCard.model_validate(make_card("yolov8")))
+        ).num_rows
+        == 0
+    )
