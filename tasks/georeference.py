@@ -97,6 +97,7 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
         "model_sigma_m": tolerances.model_sigma_m,
         "crs": [crs.gnss, crs.accept_operation_accuracy_m],
         "placement_sigma_max_m": tolerances.placement_sigma_max_m,
+        "open_readings": [crs.axes, crs.unit],  # of a mesh, beside the one that the model was read with
         "accept_placement": [one.model_dump() for one in accepted],
     }
     reads = {"model": model, "photos": photos, "block": block}

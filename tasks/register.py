@@ -12,14 +12,10 @@ from facadelake.building import read_building
 from facadelake.core.hashing import hash_file
 from facadelake.core.tables import read_table, write_table
 from facadelake.photos import find_masks
-from facadelake.registration import register_detections, resolve_registration_settings
+from facadelake.registration import describe_off_target, register_detections, resolve_registration_settings
 from facadelake.sfm import read_reconstruction
-from schemas.vocabulary import ObservationOutcome, SurfaceKind
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
-
-# Detections beside the building are rare where photographs show little else; below ten, chance decides.
-_MIN_DETECTIONS, _OFF_TARGET_SHARE_MAX = 10, 1 / 3
 
 
 @task(name="register")
@@ -56,17 +52,5 @@ def register(
 
 
 def list_registration_warnings(job: InspectionJob, registered: StageResult) -> list[str]:
-    """A warning where many detections are not on the building: model, poses or detector may be wrong."""
-    counts = dict(registered.counts)
-    not_seen = (ObservationOutcome.UNLOCALISED, ObservationOutcome.MASKED, ObservationOutcome.OUTSIDE)
-    seen = sum(counts.values()) - sum(counts.get(outcome, 0) for outcome in not_seen)
-    off_target = counts.get(ObservationOutcome.OFF_TARGET, 0)
-    if seen < _MIN_DETECTIONS or off_target <= _OFF_TARGET_SHARE_MAX * seen:
-        return []
-    mesh = " (crs.axes and crs.unit of the mesh)" if job.building.surface_kind is SurfaceKind.MESH else ""
-    share = f"{off_target / seen:.0%}, limit {_OFF_TARGET_SHARE_MAX:.0%}"
-    return [
-        f"{off_target} of {seen} detections ({share}) are not on the building: the model may be another, turned or "
-        f"mirrored{mesh}, the poses may be wrong, or the detector finds much beside the building; look at a photograph "
-        "beside the model with facadelake view"
-    ]
+    """What concerns the campaign's detections as a whole, for the user."""
+    return [text for text in [describe_off_target(dict(registered.counts), job.building.surface_kind)] if text]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-METRES_PER_DEGREE = 111_320.0
+from facadelake.core.proj.operations import METRES_PER_DEGREE
 
 LonLat = tuple[float, float]
 

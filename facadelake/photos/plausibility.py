@@ -10,7 +10,8 @@ from itertools import groupby
 import numpy as np
 
 from facadelake.core.arrays import Float64Array, Float64N, Float64Nx2, Int64Array
-from facadelake.photos.coordinate_mistakes import METRES_PER_DEGREE, list_corrections
+from facadelake.core.proj.operations import METRES_PER_DEGREE
+from facadelake.photos.coordinate_mistakes import list_corrections
 from facadelake.photos.position_prior import PositionPrior
 from facadelake.photos.position_sigma import PositionSigma
 from schemas.vocabulary import PositionSource

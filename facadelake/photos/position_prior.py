@@ -13,7 +13,8 @@ import numpy as np
 from facadelake.core.errors import GeoreferenceError
 from facadelake.core.geodesy import find_operation, transform
 from facadelake.core.proj.crs import GEO
-from facadelake.photos.coordinate_mistakes import METRES_PER_DEGREE, measure_apart_m, name_mistake
+from facadelake.core.proj.operations import METRES_PER_DEGREE
+from facadelake.photos.coordinate_mistakes import measure_apart_m, name_mistake
 from facadelake.photos.drone_xmp import RTK_FIXED, DroneMetadata
 from facadelake.photos.exif import ExifMetadata
 from facadelake.photos.position_sigma import (

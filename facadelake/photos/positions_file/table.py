@@ -19,7 +19,7 @@ import numpy as np
 from facadelake.core.errors import GeoreferenceError, InputDataError
 from facadelake.core.geodesy import transform
 from facadelake.core.proj.crs import GEO
-from facadelake.photos.coordinate_mistakes import METRES_PER_DEGREE
+from facadelake.core.proj.operations import METRES_PER_DEGREE
 from facadelake.photos.gps_block import GpsAltitude, GpsAngle, parse_gps_altitude, parse_gps_angle
 from facadelake.photos.position_prior import PositionPrior, check_position
 from facadelake.photos.position_sigma import PositionSigma, widen_by_steps
