@@ -92,11 +92,15 @@ def check_position(lon_deg: float, lat_deg: float) -> str:
     """Why the coordinates are not a valid position; empty where they are."""
     if math.isnan(lon_deg) or math.isnan(lat_deg):
         return "no position"
-    if not (abs(lat_deg) <= 90 and abs(lon_deg) <= 180):
+    if _is_out_of_range(lon_deg, lat_deg):
         return f"position lon {lon_deg:.6f}, lat {lat_deg:.6f} is out of range (lon -180..180, lat -90..90)"
     if abs(lon_deg) < 1e-6 and abs(lat_deg) < 1e-6:
         return "position is 0/0, which receivers write without a fix"
     return ""
+
+
+def _is_out_of_range(lon_deg: float, lat_deg: float) -> bool:
+    return abs(lat_deg) > 90 or abs(lon_deg) > 180
 
 
 def _check_drone_position(drone: DroneMetadata) -> str:
@@ -204,6 +208,8 @@ def derive_position_prior(
     if counts in problems and source is not counts:
         warning = f"{counts.upper()}, which counts by the portfolio, has no position ({problems[counts]}); "
         return replace(prior, warnings=(*prior.warnings, f"{warning}{source.upper()} is used"))
+    if drone is not None and source is PositionSource.EXIF and _is_out_of_range(drone.lon_deg, drone.lat_deg):
+        return replace(prior, warnings=(*prior.warnings, f"XMP {problems[PositionSource.XMP]}; EXIF is used"))
     return prior
 
 

@@ -19,7 +19,7 @@ from lxml import etree
 
 # The wrapper x:xmpmeta (x:xapmeta in early versions) is optional around rdf:RDF.
 _PACKET = re.compile(rb"<(x:x[ma]pmeta|rdf:RDF)\b.*?(?:</\1\s*>|\Z)", re.DOTALL)
-_PADDING = re.compile(rb"<\?xpacket.*?\?>|[\s\0]+|\xef\xbb\xbf", re.DOTALL)
+_PADDING = re.compile(rb"<\?xpacket[^<>]*\?>|[\s\0]+|\xef\xbb\xbf")
 _NOT_XML = re.compile("[\0-\x08\x0b\x0c\x0e-\x1f\x7f\ud800-\udfff\ufffe\uffff]")
 _BARE_AMPERSAND = re.compile(r"&(?!#\d+;|#x[0-9a-fA-F]+;|(?:amp|lt|gt|quot|apos);)")
 _START_TAG = re.compile(r"<[^<>]+>")

@@ -82,6 +82,24 @@ def test_a_packet_of_which_nothing_is_left_is_told(tmp_path: Path) -> None:
     assert row_of(tmp_path, photograph_with(GPS, xmp=blank))["prior_warnings"] is None
 
 
+def test_a_packet_without_its_beginning_is_told(tmp_path: Path) -> None:
+    """The wrapper is cut off within the processing instruction before it, whose end then is that of the packet."""
+    xmp = b"<?xpacket begin='' id='W5M0'?ttp://www.w3.org/1999/02/22-rdf-syntax-ns#\"><rdf:Description " + RTK.encode()
+    row = row_of(tmp_path, photograph_with(GPS, xmp=xmp + b"/></rdf:RDF></x:xmpmeta><?xpacket end='w'?>"))
+    assert row["prior_source"] == "exif" and "the XMP packet is damaged (" in row["prior_warnings"]
+    padding = row_of(tmp_path, photograph_with(GPS, xmp=b"<?xpacket begin='' id='W5M0'?>  \n<?xpacket end='w'?>"))
+    assert "XMP" not in (padding["prior_warnings"] or "")
+
+
+def test_a_position_of_xmp_that_is_none_is_told_where_exif_is_used(tmp_path: Path) -> None:
+    xmp = XMP.format('drone-dji:GpsLatitude="0.080193" drone-dji:GpsLongitude="-181.0"').encode()
+    row = row_of(tmp_path, photograph_with(GPS, xmp=xmp))
+    assert row["prior_source"] == "exif"
+    assert row["prior_warnings"].endswith(
+        "XMP position lon -181.000000, lat 0.080193 is out of range (lon -180..180, lat -90..90); EXIF is used"
+    )
+
+
 def test_a_value_that_damage_has_changed_is_not_used(tmp_path: Path) -> None:
     """4&8.9405 must not become 48.9405, nor 0.0<11 become 0.0."""
     broken = RTK.replace("+48.94050000", "+4&8.9405")

@@ -95,9 +95,20 @@ def test_every_photograph_is_localised_and_the_figures_have_their_keys(castle: C
     assert 0.003 < figures["defect_error_m"]["median"] < 0.04  # m
     assert figures["merge"]["precision"] > 0.97 and figures["merge"]["recall"] > 0.95
     assert figures["element_correct_share"] > 0.93
-    # At this reduced size the block is weak along the viewing direction, which no jackknife shows: 0.48 to 0.72 by the
-    # choice of its regions, where the full size has 0.90 (docs/figures.md).
-    assert 0.45 <= figures["coverage_2sigma"] <= 1.0
+
+
+@pytest.mark.xfail(
+    reason="at 1200 px the block is weak along the viewing direction, which no jackknife shows: 0.48 to 0.72 of the "
+    "cameras are inside 2 sigma by the choice of its regions, at full size 0.90 (docs/figures.md)"
+)
+def test_true_errors_of_the_cameras_are_inside_their_sigmas(exact: dict[str, Any]) -> None:
+    assert 0.6 <= exact["coverage_2sigma"] <= 1.0
+
+
+def test_true_errors_of_observations_and_defects_are_inside_their_sigmas(exact: dict[str, Any]) -> None:
+    """The weak direction is along the rays: what they meet is not affected."""
+    assert exact["coverage_2sigma_observations"] >= 0.9
+    assert exact["coverage_2sigma_defects"] >= 0.9
 
 
 def test_noisy_boxes_cost_accuracy_but_not_the_campaign(castle: Castle, exact: dict[str, Any]) -> None:
