@@ -50,6 +50,26 @@ def defects(
     show_defects(console, lake, portfolio, building, campaign, defect_class, limit, as_of)
 
 
+def coverage(
+    building: BuildingId,
+    campaign: Annotated[
+        str | None, typer.Argument(help="The campaign; left out, the newest of the building in the lake.")
+    ] = None,
+    limit: Annotated[int, typer.Option(min=1, help="Maximum number of listed areas.")] = 20,
+    as_of: Annotated[int | None, typer.Option(help="Read this earlier version of the lake.")] = None,
+    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
+    lake: ExistingLakePath = DEFAULT_LAKE,
+) -> None:
+    """Show which parts of the facades a campaign's photographs show, how small a defect there would have been found,
+    and the areas to be flown again.
+
+    Coordinates are those of the elevations: u to the right as seen from outside, v up, from the site's origin.
+    """
+    from cli.terminal.coverage import show_coverage
+
+    show_coverage(console, lake, portfolio, building, campaign, limit, as_of)
+
+
 def sql(
     question: Annotated[
         str | None, typer.Argument(help="A SELECT statement, or the name of a stored question (see --list).")

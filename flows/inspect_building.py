@@ -15,7 +15,6 @@ from facadelake.core.code_version import compute_code_version, require_unchanged
 from facadelake.core.errors import FacadelakeError
 from facadelake.registry import CocoDetectorSetting, read_portfolio
 from schemas.vocabulary import SurfaceKind
-from tasks.as_built_model import make_as_built_model
 from tasks.commit import commit
 from tasks.detect import detect
 from tasks.draw import draw
@@ -26,13 +25,14 @@ from tasks.ingest import ingest, list_ingest_warnings
 from tasks.job import InspectionJob, StageResult, StageResults
 from tasks.load_model import load_model
 from tasks.measure import measure
+from tasks.measure_coverage import measure_coverage
 from tasks.merge import merge_duplicates
-from tasks.place_building import place_building
 from tasks.publish import publish
 from tasks.reconstruct import reconstruct_block
 from tasks.register import list_registration_warnings, register
 from tasks.validate import validate_tables
 from tasks.verify_model import verify_model
+from tasks.without_model import make_as_built_model, place_building
 
 log = logging.getLogger("facadelake.flows")
 
@@ -119,6 +119,7 @@ def inspect_building(
     warnings += list_registration_warnings(job, registered)
     merged = merge_duplicates(job, model, photos, placed, registered, measured)
     integrity = verify_model(job, model, block, placed)
+    coverage = measure_coverage(job, model, photos, placed, integrity)
     results = StageResults(
         model=model,
         photos=photos,
@@ -129,6 +130,7 @@ def inspect_building(
         registered=registered,
         merged=merged,
         integrity=integrity,
+        coverage=coverage,
     )
     checks = validate_tables(job, results)
     require_unchanged_code(__name__)

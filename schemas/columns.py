@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from schemas.column_type import GEO_CRS, Column, Kind, count, flag, real, text, time
+from schemas.coverage_columns import COVERAGE_COLUMNS
+from schemas.review_columns import REVIEW_COLUMNS
 from schemas.vocabulary import (
     ControlKind,
     CrackWidthOutcome,
@@ -23,7 +25,6 @@ from schemas.vocabulary import (
     PositionSource,
     SurfaceKind,
     UtcOffset,
-    Verdict,
 )
 
 _ALL = [
@@ -269,7 +270,9 @@ _ALL = [
     real("gsd_mm", "mm", "ground sampling distance: size of a pixel on the surface, square-on", 0),
     real("width_m", "m", "horizontal extent on the surface", 0),
     real("height_m", "m", "extent on the surface perpendicular to the width", 0),
-    real("area_m2", "m2", "area of the patch on the surface; of a defect the median of its observations", 0),
+    real(
+        "area_m2", "m2", "area on the surface: of the patch (of a defect the median), or of the element in the cell", 0
+    ),
     real("target_share", "", "share of the detection's rays that meet the building", 0, 1),
     real("length_m", "m", "longest extent on the surface, in any direction", 0),
     real("crack_width_mm", "mm", "mean width of the crack on the surface, where it was measured", 0),
@@ -313,31 +316,19 @@ _ALL = [
     real("appearance_score", "", "correlation of both patches at one scale; empty where not compared", -1, 1),
     count("photo_count", "photographs that show the defect", 1),
     real("spread_m", "m", "largest distance of an observation from the defect's position", 0),
-    text("best_photo_id", "photograph with the best view of the defect (smallest GSD over cosine of incidence)"),
+    text("best_photo_id", "photograph with the best view (smallest GSD over cosine of incidence; of cells, also blur)"),
     text("best_photo_uri", "path of that photograph: campaigns.photographs_uri, a slash, and best_photo_id"),
     text("severity", "grade by severity_rule; a proposal, not a person's judgement"),
     text("severity_rule", "rule pack and its version"),
     text("severity_low", "least severe grade by severity_rule within two sigmas of the crack width"),
     text("severity_high", "most severe grade by severity_rule within two sigmas of the crack width"),
-    Column(name="geometry", kind=Kind.GEOMETRY, meaning="position (point) or footprint (polygon)", unit=GEO_CRS),
+    Column(name="geometry", kind=Kind.GEOMETRY, meaning="position (point), footprint or cell", unit=GEO_CRS),
     # integrity
     text("integrity_outcome", "whether the view could be compared", IntegrityOutcome),
     real("ssim", "", "structural similarity of as-built and model depth (paper's Eq. 12, corrected)", -1, 1),
     real("compared_share", "", "share of the model's pixels that the as-built surface covers too", 0, 1),
     real("depth_difference_median_m", "m", "median of as-built minus model depth"),
     real("depth_difference_p95_m", "m", "95th percentile of its absolute value", 0),
-    # reviews
-    text("review_id", "one review"),
-    text("subject", "the reviewed place: photograph, box and class; the latest review of a subject counts"),
-    text("verdict", "verdict of the reviewer", Verdict),
-    text("reviewed_class", "class given by the detector; empty for a missed defect", DefectClass),
-    real("reviewed_box_x_px", "px", "left edge of the reviewed box; empty for a missed defect"),
-    real("reviewed_box_y_px", "px", "its top edge"),
-    real("reviewed_box_width_px", "px", "its width"),
-    real("reviewed_box_height_px", "px", "its height"),
-    text("reviewer", "name of the reviewer"),
-    time("reviewed_at", "time of the review's commit"),
-    text("note", "remark of the reviewer"),
     # checks
     text("table_name", "checked table"),
     text("expectation", "the expectation, as Great Expectations names it"),
@@ -345,6 +336,8 @@ _ALL = [
     flag("passed", "whether the expectation was met"),
     count("unexpected", "rows that did not meet the expectation"),
     text("detail", "of checks, expected and observed values as JSON; of placement_checks, the comparison in words"),
+    *COVERAGE_COLUMNS,
+    *REVIEW_COLUMNS,
 ]
 
 COLUMNS: dict[str, Column] = {column.name: column for column in _ALL}

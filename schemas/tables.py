@@ -12,7 +12,7 @@ import pyarrow as pa
 from schemas.column_type import Column, Kind
 from schemas.columns import COLUMNS
 
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 RUN_KEYS = ("building_id", "campaign_id", "run_id")
 
 
@@ -198,6 +198,16 @@ _LIST = [
         "structural similarity of the as-built depth to the model's",
         "building_id campaign_id photo_id",
         "photo_id integrity_outcome reason? ssim? compared_share depth_difference_median_m? depth_difference_p95_m?",
+        may_be_empty=True,
+    ),
+    _table(
+        "coverage",
+        "cell of 0.25 m of a facade on an element",
+        "which parts of the facades the photographs show, and how small a defect there would have been found",
+        "building_id campaign_id facade cell_column cell_row element_guid cell_layer",
+        "facade facade_azimuth_deg cell_column cell_row element_guid cell_layer storey? coverage_outcome u_min_m "
+        f"u_max_m v_min_m v_max_m area_m2 {_SITE} {_NORMAL} imaged_count searched_count hidden_share? best_photo_id? "
+        "gsd_mm? incidence_deg? blur_px? found_crack_width_mm? found_patch_mm? geometry",
         may_be_empty=True,
     ),
     _table(

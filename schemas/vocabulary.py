@@ -201,6 +201,16 @@ class SurfaceKind(StrEnum):
     AS_BUILT = "as_built"
 
 
+class CoverageOutcome(StrEnum):
+    """Whether a photograph shows a cell of a facade, else what prevents it; ``docs/coverage.md`` defines the words."""
+
+    IMAGED = "imaged"
+    OBSTRUCTED = "obstructed"
+    GRAZING = "grazing"
+    HIDDEN_BY_MODEL = "hidden_by_model"
+    NOT_IN_VIEW = "not_in_view"
+
+
 class IntegrityOutcome(StrEnum):
     """Whether a view's as-built depth could be compared with the model's."""
 

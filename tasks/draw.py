@@ -43,9 +43,10 @@ def draw(job: InspectionJob, results: StageResults, checks: StageResult) -> Stag
             defects=tables["defects"],
             merges=tables["merges"],
             integrity_views=tables["integrity_views"],
+            coverage=tables["coverage"],
             checks=read_table("checks", checks.folder),
             placement_sigma_max_m=job.building.tolerances.placement_sigma_max_m,
-            as_built=read_as_built_surface(results),
+            as_built=read_as_built_surface(results.integrity, results.placed),
         )
         write_report(inspection, Surface(building), folder / PICTURES, PictureSettings())
         return {"pictures": len(list(folder.rglob("*.png"))) + len(list(folder.rglob("*.jpg")))}

@@ -66,6 +66,7 @@ class StageResults:
     registered: StageResult
     merged: StageResult
     integrity: StageResult
+    coverage: StageResult
 
     def map_by_name(self) -> dict[str, StageResult | None]:
         """All results by field name."""

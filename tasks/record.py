@@ -31,6 +31,7 @@ def read_stage_tables(results: StageResults) -> dict[str, pa.Table]:
         "defects": read_table("defects", results.merged.folder),
         "merges": read_table("merges", results.merged.folder),
         "integrity_views": read_table("integrity_views", results.integrity.folder),
+        "coverage": read_table("coverage", results.coverage.folder),
     }
 
 

@@ -20,7 +20,7 @@ from facadelake.integrity import compare_views, record_uncompared_views
 from facadelake.sfm import read_mesh, write_as_built_mesh
 from schemas.vocabulary import IntegrityOutcome, SurfaceKind
 from tasks.georeference import SITE_FROM_SFM
-from tasks.job import InspectionJob, StageResult, StageResults
+from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 
 NOTHING_INDEPENDENT = (
@@ -63,13 +63,13 @@ def _compare_views(
     return compare_views(posed, Surface(building), _read_as_built_surface(folder, placed.folder))
 
 
-def read_as_built_surface(results: StageResults) -> Surface | None:
+def read_as_built_surface(integrity: StageResult, placed: StageResult) -> Surface | None:
     """The as-built surface in site that was compared with the model; None where there was none."""
     is_compared = any(
         outcome == IntegrityOutcome.COMPARED
-        for outcome in read_table("integrity_views", results.integrity.folder).column("integrity_outcome").to_pylist()
+        for outcome in read_table("integrity_views", integrity.folder).column("integrity_outcome").to_pylist()
     )
-    return _read_as_built_surface(results.integrity.folder, results.placed.folder) if is_compared else None
+    return _read_as_built_surface(integrity.folder, placed.folder) if is_compared else None
 
 
 def _read_as_built_surface(mesh: Path, placed: Path) -> Surface:

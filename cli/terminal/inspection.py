@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as RichTable
 
+from cli.terminal.coverage import describe_totals
 from facadelake.deduplication import describe_width_blur
 from facadelake.lake import read_table
 from facadelake.severity import describe_severity
@@ -89,6 +90,8 @@ def show_inspection(console: Console, lake: Path, result: InspectionResult) -> N
         table.add_row(
             "model check", f"SSIM of as-built and model depth: mean {sum(views) / len(views):.2f} in {len(views)} views"
         )
+    cells = read_table(lake, "coverage", building_id=result.building_id, campaign_id=result.campaign_id)
+    table.add_row("coverage", describe_totals(cells))
     table.add_row("checks", f"{sum(check['passed'] for check in checks)} of {len(checks)} passed")
     table.add_row(
         "lake",

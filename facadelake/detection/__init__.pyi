@@ -10,6 +10,7 @@ from .configured_detector import count_threads as count_threads
 from .configured_detector import hash_configured_detector as hash_configured_detector
 from .configured_detector import load_configured_detector as load_configured_detector
 from .configured_detector import locate_model as locate_model
+from .configured_detector import read_configured_card as read_configured_card
 from .configured_detector import resolve_default_model as resolve_default_model
 from .crosswalk import Crosswalk as Crosswalk
 from .crosswalk import build_crosswalk as build_crosswalk

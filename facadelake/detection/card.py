@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from facadelake.core.arrays import Float32Array, Float64N
 from facadelake.core.errors import ModelError
+from facadelake.registry import RecallBySize
 from schemas.vocabulary import DefectClass
 
 PositiveInt = Annotated[int, Field(gt=0)]
@@ -114,7 +115,8 @@ class ModelCard(_CardSection):
 
     ``classes``: class name -> defect class, overrides the built-in crosswalk. ``training_data``: one data set with its
     licence in each entry. ``metrics``: measured results, free in form. ``score_threshold`` applies to the calibrated
-    score.
+    score. ``recall_by_size``: how small a defect the model finds at that threshold, in pixels of the picture that it is
+    given; None: unknown.
     """
 
     name: Annotated[str, Field(min_length=1)]
@@ -130,6 +132,7 @@ class ModelCard(_CardSection):
     score_threshold: UnitInterval
     nms_iou: UnitInterval = 0.5
     max_detections: PositiveInt = 300
+    recall_by_size: RecallBySize | None = None
 
     @model_validator(mode="after")
     def _check_strides(self) -> ModelCard:

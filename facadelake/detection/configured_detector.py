@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from facadelake.detection.card import ModelCard
+from facadelake.detection.inference.card_lookup import find_card
 from facadelake.detection.inference.detector import OnnxDetector, hash_detector, load_detector
 from facadelake.detection.model_registry import find_default_model
 from facadelake.registry import DEFAULT_MODEL, Building, OnnxDetectorSetting
@@ -40,6 +42,11 @@ def load_configured_detector(setting: OnnxDetectorSetting) -> OnnxDetector:
 def hash_configured_detector(setting: OnnxDetectorSetting) -> str:
     """A key of all that determines the model's detections. Raises as ``hash_detector``."""
     return hash_detector(locate_model(setting), setting.classes, _locate_configured_card(setting))
+
+
+def read_configured_card(setting: OnnxDetectorSetting) -> ModelCard:
+    """The card of the model. Raises ModelError if there is none."""
+    return find_card(locate_model(setting), _locate_configured_card(setting))
 
 
 def count_threads(setting: OnnxDetectorSetting) -> int:

@@ -12,7 +12,13 @@ import pyogrio
 
 from facadelake.core.errors import InputDataError
 from facadelake.publish.columns import GEOMETRIES, GEOMETRY, PATCH, flatten_table, order_columns, wkt_from_wkb
-from facadelake.publish.geopackage import create_facade_layers, create_map_layers, write_attribute_table, write_layers
+from facadelake.publish.geopackage import (
+    create_coverage_layers,
+    create_facade_layers,
+    create_map_layers,
+    write_attribute_table,
+    write_layers,
+)
 from facadelake.publish.geoparquet import CRS_2D, geodataframe_from_table, write_geoparquet
 from facadelake.publish.replaced_file import replace_file
 
@@ -21,7 +27,8 @@ def export_table(name: str, table: pa.Table, path: Path) -> Path:
     """Write the rows of table ``name`` (columns as in the lake) to ``path``, atomically, and return the path.
 
     ``.parquet``: GeoParquet in EPSG:4979, or plain Parquet for a table without geometry. ``.gpkg``: layers in 2D and
-    3D of the points and of the patches; for defects also one layer per facade, in the facade's plane. ``.geojson``:
+    3D of the points and of the patches; for defects and coverage also one layer per facade, in the facade's plane.
+    ``.geojson``:
     RFC 7946 with heights. ``.csv``: geometry as WKT. In the last three a list of numbers is JSON text.
     Raises InputDataError for an unsupported suffix, a missing folder, a folder of that name, GeoJSON of a table without
     geometry, a file that another program has open, or one that cannot be read back; an earlier file is then left as it
@@ -50,6 +57,8 @@ def _write_geopackage(name: str, table: pa.Table, path: Path) -> Mapping[str, in
     if GEOMETRY not in table.column_names:
         write_attribute_table(table, name, path)
         return {name: len(table)}
+    if name == "coverage":
+        return write_layers(create_coverage_layers(table), path)
     facades = create_facade_layers(table) if name == "defects" else iter(())
     return write_layers((layer for layers in (create_map_layers(table, name), facades) for layer in layers), path)
 

@@ -29,6 +29,12 @@ from schemas.tables import RUN_KEYS
 _POINT, _POLYGON, _MULTIPOLYGON = 0, 3, 6  # shapely's numbers of the types
 _MIXED = "Unknown"  # GDAL's type of a layer of several types, with or without heights
 _AZIMUTH_DECIMALS = 2  # of degrees: 9 mm over 50 m
+# Attributes of the cells, of which there are many; coverage.parquet has all columns.
+_COVERAGE_COLUMNS = [
+    "coverage_outcome", "imaged_count", "searched_count", "hidden_share", "gsd_mm", "incidence_deg", "blur_px",
+    "found_crack_width_mm", "found_patch_mm", "area_m2", "facade", "storey", "element_guid", "cell_column", "cell_row",
+    "cell_layer", "best_photo_id",
+]  # fmt: skip
 LEVEL = "level"  # roofs, floors and soffits: plan view, u east and v north
 
 
@@ -106,6 +112,33 @@ def create_facade_layers(defects: pa.Table) -> Iterator[GisLayer]:
             geometry=_wkb_from_geometries(polygons),
             geometry_type=geometry_type,
             crs=create_plane_crs(name),
+        )
+
+
+def create_coverage_layers(coverage: pa.Table) -> Iterator[GisLayer]:
+    """The cells of coverage: ``coverage_3d`` on the surface, and one layer per facade in the facade's plane.
+
+    There is no layer in plan view, where the cells of a wall are lines.
+    """
+    if not len(coverage):
+        return
+    attributes = coverage.select(_COVERAGE_COLUMNS)
+    yield GisLayer(
+        name="coverage_3d",
+        rows=attributes,
+        geometry=_wkb_from_geometries(decode_geometries(coverage, GEOMETRY)),
+        geometry_type="Polygon Z",
+        crs=CRS_3D,
+    )
+    for facade in sorted(set(coverage.column("facade").to_pylist())):
+        rows = coverage.filter(pc.equal(coverage.column("facade"), facade))
+        u_min, u_max, v_min, v_max = _collect_columns(rows, "u_min_m", "u_max_m", "v_min_m", "v_max_m").T
+        yield GisLayer(
+            name=f"coverage_{facade}",
+            rows=rows.select(_COVERAGE_COLUMNS),
+            geometry=_wkb_from_geometries(shapely.box(u_min, v_min, u_max, v_max)),
+            geometry_type="Polygon",
+            crs=create_plane_crs(facade),
         )
 
 

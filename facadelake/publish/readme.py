@@ -17,8 +17,12 @@ defects.gpkg          GeoPackage. Layers: 'defects' (as defects_2d.parquet) and 
                       'defects_patches' and 'defects_patches_3d' (measured outlines, joined by defect_id);
                       'facade_N', 'facade_NE', ... (outlines, or boxes where no outline was measured, in the plane of
                       the facade: u in metres to the right as seen from outside, v in metres up, both from the site's
-                      origin; 'facade_level': plan view). Lists of numbers are JSON text.
-observations.parquet  every detection with the outcome of its registration on the surface, EPSG:4979"""
+                      origin; 'facade_level': plan view); 'coverage_3d' and 'coverage_N', 'coverage_NE', ... (the cells
+                      of coverage.parquet on the surface, and in the plane of the facade). Lists of numbers are JSON
+                      text.
+observations.parquet  every detection with the outcome of its registration on the surface, EPSG:4979
+coverage.parquet      cells of 0.25 m of the facades: which the photographs show and how well, EPSG:4979; missing where
+                      coverage was not measured"""
 
 
 def format_readme(tables: Mapping[str, pa.Table], *, version: int) -> str:

@@ -19,15 +19,27 @@ import pyarrow as pa
 
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.lake import read_tables
-from facadelake.publish.geopackage import create_facade_layers, create_map_layers, write_layers
+from facadelake.publish.geopackage import (
+    create_coverage_layers,
+    create_facade_layers,
+    create_map_layers,
+    write_layers,
+)
 from facadelake.publish.geoparquet import drop_heights, geodataframe_from_table, write_geoparquet
 from facadelake.publish.older_grades import mark_older_grades
 from facadelake.publish.readme import format_readme
 
 PUBLISHED = "published"
 LATEST = "latest"
-FILES = ("defects.parquet", "defects_2d.parquet", "observations.parquet", "defects.gpkg", "README.txt")
-TABLES = ("buildings", "georeference", "runs", "campaigns", "defects", "observations")
+FILES = (
+    "defects.parquet",
+    "defects_2d.parquet",
+    "observations.parquet",
+    "coverage.parquet",
+    "defects.gpkg",
+    "README.txt",
+)
+TABLES = ("buildings", "georeference", "runs", "campaigns", "defects", "observations", "coverage")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _VERSION = re.compile(r"v([0-9]{6,})")
 
@@ -143,11 +155,17 @@ def _write_files(folder: Path, tables: dict[str, pa.Table], *, version: int, pic
         shutil.copytree(pictures, folder, dirs_exist_ok=True)
     defects = tables["defects"]
     points = geodataframe_from_table(defects)
-    defects_3d, defects_2d, observations, layers, text = (folder / name for name in FILES)
+    defects_3d, defects_2d, observations, coverage, layers, text = (folder / name for name in FILES)
     write_geoparquet(points, defects_3d)
     write_geoparquet(drop_heights(points), defects_2d)
     write_geoparquet(geodataframe_from_table(tables["observations"]), observations)
-    write_layers(chain(create_map_layers(defects, "defects"), create_facade_layers(defects)), layers)
+    cells = tables["coverage"]
+    if len(cells):  # a campaign that was committed before coverage was measured has none
+        write_geoparquet(geodataframe_from_table(cells), coverage)
+    write_layers(
+        chain(create_map_layers(defects, "defects"), create_facade_layers(defects), create_coverage_layers(cells)),
+        layers,
+    )
     text.write_text(format_readme(tables, version=version), encoding="utf-8")
 
 

@@ -7,5 +7,6 @@ from .settings import CocoDetectorSetting as CocoDetectorSetting
 from .settings import ExifView as ExifView
 from .settings import OnnxDetectorSetting as OnnxDetectorSetting
 from .settings import PositionsSetting as PositionsSetting
+from .settings import RecallBySize as RecallBySize
 from .surface_kinds import UNITS_M as UNITS_M
 from .surface_kinds import find_buffer_files as find_buffer_files

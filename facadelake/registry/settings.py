@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from datetime import UTC, datetime
 from enum import StrEnum
+from itertools import pairwise
 from typing import Annotated, Literal, Self
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
@@ -216,6 +217,29 @@ class PositionsSetting(StrictModel):
         return self
 
 
+Recall = tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(ge=0, le=1)]]
+
+
+class RecallBySize(StrictModel):
+    """Share of the defects of a size that a detector finds: pairs of a size in pixels and the recall at that size.
+
+    ``crack_width_px``: by the mean width of a crack. ``patch_px``: by the root of the area of spalling or moisture.
+    Sizes are of the picture that the detector is given, in ascending order. A single pair such as ``[3, 0.9]`` states
+    one size. A kind without pairs is unknown.
+    """
+
+    crack_width_px: tuple[Recall, ...] = ()
+    patch_px: tuple[Recall, ...] = ()
+
+    @model_validator(mode="after")
+    def _check_ascending(self) -> Self:
+        for kind in ("crack_width_px", "patch_px"):
+            sizes = [size for size, _ in getattr(self, kind)]
+            if any(after <= before for before, after in pairwise(sizes)):
+                raise ValueError(f"the sizes of {kind} are {sizes}; list them in ascending order, each once")
+        return self
+
+
 class ExifView(StrEnum):
     """View of a photograph that EXIF turns: its pixels as stored, or turned as viewers display them."""
 
@@ -228,7 +252,8 @@ class CocoDetectorSetting(StrictModel):
 
     ``alternatives`` are further files by name, from which a run can select one. ``exif_view``: whether boxes of
     photographs that EXIF turns are of the pixels as ``stored`` or of the photograph as ``displayed``; None: as the
-    sizes in the file tell, and boxes are not used where these do not tell.
+    sizes in the file tell, and boxes are not used where these do not tell. ``recall_by_size``: how small a defect the
+    external detector or the person finds; None: unknown, so that coverage states no smallest defect.
     """
 
     kind: Literal["coco"]
@@ -236,6 +261,7 @@ class CocoDetectorSetting(StrictModel):
     alternatives: dict[str, str] = {}
     classes: dict[str, DefectClass] = {}
     exif_view: ExifView | None = None
+    recall_by_size: RecallBySize | None = None
 
 
 DEFAULT_MODEL = "default"  # keyword in place of the path of a detector model

@@ -40,6 +40,7 @@ class Inspection:
     defects: pa.Table
     merges: pa.Table
     integrity_views: pa.Table
+    coverage: pa.Table
     checks: pa.Table
     placement_sigma_max_m: float = 0.5
     as_built: Surface | None = None

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.building.surface import MISS, Surface
+from facadelake.building.surface import MISS, Surface, check_visibility, project_points
 from facadelake.core.arrays import BoolArray, Float32Array, Float64Array, Int64Array, UInt8Image
 from facadelake.core.camera import PosedCamera
 from facadelake.core.errors import InputDataError
@@ -24,7 +24,6 @@ from facadelake.reporting.drawing.palette import OTHER_COLOUR, OUTCOME_COLOURS, 
 from facadelake.reporting.drawing.photograph import decode_image, name_photograph_files, read_photograph
 from facadelake.reporting.elevations.marks import DefectMark, create_marks
 from facadelake.reporting.elevations.relief import find_edges, find_openings, has_model_edges
-from facadelake.reporting.elevations.visibility import check_visibility, project_points
 from facadelake.reporting.inspection import Inspection, PictureSettings
 
 log = logging.getLogger(__name__)

@@ -134,6 +134,7 @@ def draw_selection(
         (folder / "elevations").mkdir(parents=True, exist_ok=True)
         elevations = draw_elevations(inspection, surface, folder / "elevations", settings, selection.facades)
         paths += [elevation.path for elevation in elevations]
+        paths += [elevation.coverage_path for elevation in elevations if elevation.coverage_path is not None]
         missing |= {name for name in inspection.posed if not inspection.locate_photograph(name).is_file()}
     if selection.defect_ids:
         overviews = map_defects_to_elevations(elevations)
@@ -195,7 +196,7 @@ def _match_name(name: str, kind: str, names: Sequence[str], short_names: Mapping
 
 _TABLES = (
     "photos", "poses", "georeference", "georeference_points", "placement_checks", "detections", "observations",
-    "defects", "merges", "integrity_views", "checks",
+    "defects", "merges", "integrity_views", "coverage", "checks",
 )  # fmt: skip
 
 

@@ -1,5 +1,5 @@
--- {table}: defects | observations
--- {key}: defect_id | detection_id
+-- {table}: defects | observations | coverage
+-- {key}: defect_id | detection_id | facade
 -- table: {table}
 -- grain: row
 -- meaning: the surface normals of {table} have unit length

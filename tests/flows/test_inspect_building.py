@@ -15,6 +15,7 @@ import geopandas as gpd
 import numpy as np
 import pytest
 
+from facadelake.coverage import find_nearest_cells
 from facadelake.lake.read import list_versions, read_table
 from tests.flows.conftest import CAMPAIGN, SmallPortfolio
 from tests.unit.severity.rule_headers import read_severities
@@ -65,7 +66,22 @@ def test_a_campaign_becomes_tables(small: SmallPortfolio, first_run: str) -> Non
     assert len(defects) >= 25
     assert all(row["severity"] in read_severities("width_and_extent_v1") for row in defects)
     assert all(row["passed"] for row in rows(small, "checks"))
-    for said in ("2 rejected", "broken.JPG", "georeference", "gcp", "by storey", "Ground floor", "published/small"):
+    coverage = read_table(small.lake, "coverage")
+    cells = find_nearest_cells(coverage, np.array([[row[f"{axis}_site_m"] for axis in "xyz"] for row in defects]))
+    assert (cells >= 0).all()
+    for row, cell in zip(defects, coverage.take(cells).to_pylist(), strict=True):
+        assert cell["facade"] == row["facade"]  # one frame for both
+        assert cell["imaged_count"] > 0  # where a defect was seen, coverage says that it could be
+    for said in (
+        "of facades imaged",
+        "2 rejected",
+        "broken.JPG",
+        "georeference",
+        "gcp",
+        "by storey",
+        "Ground floor",
+        "published/small",
+    ):
         assert said in first_run
 
 
@@ -75,9 +91,13 @@ def test_what_is_published_opens_elsewhere(small: SmallPortfolio, first_run: str
     parquet, package = gpd.read_parquet(latest / "defects.parquet"), gpd.read_file(latest / "defects.gpkg")
     assert len(parquet) == len(package) == len(in_lake)
     assert parquet.crs.to_epsg() == 4979
+    cells = gpd.read_parquet(latest / "coverage.parquet")
+    assert cells.area_m2.sum() > 500  # m2
+    assert {"coverage_3d", "coverage_SE"} <= set(gpd.list_layers(latest / "defects.gpkg")["name"])
     report = (latest / "report.html").read_text()
     elevations = list(latest.glob("elevation_*.png"))
     assert elevations and all(elevation.name in report for elevation in elevations)
+    assert all(layer.name in report for layer in latest.glob("coverage_*.png"))
     assert "broken.JPG" in report
 
 

@@ -17,10 +17,9 @@ from facadelake.core.pose_table import columns_from_camera
 from facadelake.core.tables import read_table, table_from_rows, write_table
 from facadelake.registry import Building
 from schemas.vocabulary import SurfaceKind
-from tasks.as_built_model import make_as_built_model
 from tasks.job import InspectionJob, StageResult
-from tasks.place_building import place_building
 from tasks.verify_model import verify_model
+from tasks.without_model import make_as_built_model, place_building
 
 CAMERA = Camera(width_px=1600, height_px=1200, fx_px=1000, fy_px=1000, cx_px=800, cy_px=600)
 PLACE = (8.4082, 48.9403)

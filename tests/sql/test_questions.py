@@ -62,6 +62,22 @@ def test_answers_are_right(lake: Path) -> None:
         (r["severity"], r["graded_by"], r["defect_class"], r["defects"])
         for r in answer_question(lake, "defects_by_severity", here).to_pylist()
     } == {("minor", "rules", "crack", 2), ("minor", "rules", "spalling", 1), ("minor", "rules", "moisture", 1)}
+    (storey,) = answer_question(lake, "coverage_by_storey", here).to_pylist()
+    assert (storey["facade"], storey["storey"], storey["surface_m2"]) == ("S", "Level 1", 5.0)
+    assert (storey["imaged_share"], storey["searched_share"], storey["not_in_view_m2"]) == (0.8, 0.6, 1.0)
+    assert storey["found_crack_width_mm"] is None  # unknown of one searched cell
+    (wall,) = answer_question(lake, "not_covered_for_crack", {**here, "crack_width_mm": 1.0}).to_pylist()
+    shares = ("never_imaged_m2", "not_searched_m2", "too_coarse_m2", "unknown_m2", "surface_m2")
+    assert [wall[name] for name in shares] == [1.0, 1.0, 1.0, 1.0, 5.0]
+    (wall,) = answer_question(lake, "not_covered_for_crack", {**here, "crack_width_mm": 3.0}).to_pylist()
+    assert wall["too_coarse_m2"] == 0.0
+    density = {r["divided_by"]: r for r in answer_question(lake, "defect_density", here).to_pylist()}
+    assert {by: r["part"] for by, r in density.items()} == {
+        "facade": "S", "storey": "Level 1", "material": "brick", "ifc_class": "IfcWall",
+    }  # fmt: skip
+    for row in density.values():
+        assert (row["defects"], row["cracks"], row["searched_m2"]) == (4, 2, 3.0)
+        assert row["defects_per_m2"] == 1.3333
     both = answer_question(lake, "campaigns").to_pylist()
     assert [(r["campaign_id"], r["defects_total"], r["run_id"]) for r in both] == [
         (CAMPAIGN, 4, "run-1"),

@@ -1,9 +1,13 @@
 from .edges import ModelEdges as ModelEdges
 from .edges import extract_model_edges as extract_model_edges
 from .footprint import build_horizontal_distance as build_horizontal_distance
+from .obstructions import Obstructions as Obstructions
 from .raycasting import MISS as MISS
 from .raycasting import Hits as Hits
 from .raycasting import Surface as Surface
 from .view_images import ViewImages as ViewImages
 from .view_images import render_view_images as render_view_images
 from .virtual_view import render_virtual_photograph as render_virtual_photograph
+from .visibility import PointVisibility as PointVisibility
+from .visibility import check_visibility as check_visibility
+from .visibility import project_points as project_points

@@ -8,6 +8,7 @@ from .exif_view import BoxView as BoxView
 from .exif_view import StoredImage as StoredImage
 from .exif_view import find_views as find_views
 from .import_detections import import_coco as import_coco
+from .import_detections import list_searched_photographs as list_searched_photographs
 from .mask import extract_polygons as extract_polygons
 from .mask import fit_mask as fit_mask
 from .mask import polygons_from_wkt as polygons_from_wkt

@@ -133,6 +133,23 @@ def _mark_repeated_boxes(rows: list[dict[str, Any]], file: Path) -> None:
         _log.warning("%s: %d boxes repeat another of their photograph and class; not used", file.name, len(repeated))
 
 
+def list_searched_photographs(file: Path, photos: pa.Table, *, exif_view: ExifView | None = None) -> frozenset[str]:
+    """The accepted photographs that a COCO file lists and whose boxes can be used, with boxes or without.
+
+    A photograph that is not listed was not searched, as far as the file tells.
+
+    Args:
+        file: The COCO file.
+        photos: Table ``photos``.
+        exif_view: As of ``import_coco``.
+
+    Raises:
+        InputDataError: The file cannot be read.
+    """
+    matched = _match_images(read_coco(file), photos, exif_view).values()
+    return frozenset(one.photo_id for one in matched if one.decision.outcome is DetectionOutcome.ACCEPTED)
+
+
 def _match_images(
     coco: CocoFile, photos: pa.Table, exif_view: ExifView | None
 ) -> Mapping[int | str, _MatchedPhotograph]:

@@ -27,7 +27,7 @@ from facadelake.detection.layouts.readers import READERS
 _log = logging.getLogger(__name__)
 
 # Keys of a card that do not influence its detections.
-_DESCRIPTIVE_KEYS = {"licence", "source", "training_data", "metrics"}
+_DESCRIPTIVE_KEYS = {"licence", "source", "training_data", "metrics", "recall_by_size"}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from facadelake.building.surface import Surface
+from facadelake.building.surface import Surface, check_visibility, project_points
 from facadelake.core.arrays import BoolArray, Float64Nx2, Float64Nx3, Float64x3, Float64x3x3, UInt8Image
 from facadelake.core.camera import PosedCamera
 from facadelake.core.frames import axes_from_normal
 from facadelake.reporting.drawing.photograph import choose_reduction
 from facadelake.reporting.elevations.marks import DefectMark
 from facadelake.reporting.elevations.rectification import sample_bilinear
-from facadelake.reporting.elevations.visibility import check_visibility, project_points
 
 _MIN_SIDE_M, _MAX_SIDE_M = 0.3, 8.0
 _SIDE_FACTOR = 1.8  # size of the view relative to the defect

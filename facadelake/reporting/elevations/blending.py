@@ -15,12 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from facadelake.building.surface import MISS, Surface
+from facadelake.building.surface import MISS, Obstructions, Surface, check_visibility, project_points
 from facadelake.core.arrays import BoolArray, Float32Array, Float64Nx2, Float64Nx3, RowIndices, UInt8Array
 from facadelake.core.camera import PosedCamera
-from facadelake.reporting.elevations.obstructions import Obstructions
 from facadelake.reporting.elevations.relief import FacadeRelief
-from facadelake.reporting.elevations.visibility import check_visibility, project_points
 from facadelake.reporting.inspection import PictureSettings
 
 _MAX_CANDIDATES = 8  # photographs per cell

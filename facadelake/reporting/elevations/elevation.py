@@ -11,13 +11,14 @@ import cv2
 import numpy as np
 
 from facadelake.building import BuildingModel
-from facadelake.building.surface import Surface
+from facadelake.building.surface import Obstructions, Surface
 from facadelake.core.arrays import Float64x3, UInt8Image
 from facadelake.core.errors import InputDataError
+from facadelake.reporting.elevations.coverage_figure import draw_coverage, select_coverage
 from facadelake.reporting.elevations.facades import Facade, find_facades
 from facadelake.reporting.elevations.figure import DPI, ElevationLabels, draw_elevation
+from facadelake.reporting.elevations.hidden_regions import HiddenRegion, find_hidden_regions
 from facadelake.reporting.elevations.marks import DefectMark, assign_marks, create_marks, find_visible_marks
-from facadelake.reporting.elevations.obstructions import HiddenRegion, Obstructions, find_hidden_regions
 from facadelake.reporting.elevations.overview import FacadeOverview, create_overview, render_model_overview
 from facadelake.reporting.elevations.rectification import RectifiedElevation, rectify_elevations
 from facadelake.reporting.elevations.relief import (
@@ -39,7 +40,7 @@ _MAX_BRIGHTENING = 1.8  # largest factor by which a dark facade is brightened
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Elevation:
-    """A drawn elevation.
+    """A drawn elevation; ``coverage_path``: its layer of coverage, None where the campaign has none of the facade.
 
     ``covered_share``: share of the facade's surface that photographs show. ``hidden_share``: share in their view that
     something hides; ``hidden_regions``: its larger parts. ``obstructions_known``: an as-built surface showed what
@@ -47,6 +48,7 @@ class Elevation:
     """
 
     path: Path
+    coverage_path: Path | None
     facade: Facade
     marks: tuple[DefectMark, ...]
     covered_share: float
@@ -63,7 +65,8 @@ def draw_elevations(
     settings: PictureSettings | None = None,
     names: Collection[str] | None = None,
 ) -> list[Elevation]:
-    """Write ``elevation_<facade>.png`` for each main facade, and ``thumbnail_elevation.jpg`` of the largest one.
+    """Write ``elevation_<facade>.png`` and ``coverage_<facade>.png`` for each main facade, and
+    ``thumbnail_elevation.jpg`` of the largest one.
 
     Unreadable photographs are not used, with a warning; areas that no photograph covers show the shaded model.
     Memory: one photograph, and about 60 bytes for each cell of a facade.
@@ -114,9 +117,17 @@ def draw_elevations(
         others = find_visible_marks(rectified.relief, marks, own)
         sheet = draw_elevation(labels, rectified, background, own, others, covered, hidden)
         sheet.savefig(path, dpi=DPI, pil_kwargs={"compress_level": 4})
+        cells = select_coverage(inspection.coverage, facade)
+        coverage_path = None
+        if len(cells):
+            coverage_path = folder / f"coverage_{facade.name}.png"
+            draw_coverage(labels, facade, background, rectified.relief.cell_m, cells).savefig(
+                coverage_path, dpi=DPI, pil_kwargs={"compress_level": 4}
+            )
         elevations.append(
             Elevation(
                 path=path,
+                coverage_path=coverage_path,
                 facade=facade,
                 marks=tuple(own),
                 covered_share=covered,

@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from facadelake.building import BuildingModel
-from facadelake.building.facades import collect_facades
+from facadelake.building.facades import ModelTriangles, collect_facades, collect_triangles, find_facade_triangles
 from facadelake.building.surface import Surface
 from facadelake.core.arrays import Float64Nx3, Float64x3, Float64x3x3, RowIndices
 from facadelake.core.camera import PosedCamera
 from facadelake.core.frames import COMPASS, compute_facade_axes, facade_from_site
-from facadelake.reporting.elevations.wall_directions import ModelTriangles, collect_triangles, find_facade_triangles
 from facadelake.reporting.inspection import PictureSettings
 
 _WORDS = ("North", "North-east", "East", "South-east", "South", "South-west", "West", "North-west")

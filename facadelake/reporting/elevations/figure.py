@@ -85,15 +85,16 @@ def draw_elevation(
     axes.tick_params(labelsize=8)
     axes.set_xlabel("u (m): to the right as seen from outside, from the site's origin", fontsize=8)
     axes.set_ylabel("v (m): up, from the site's origin", fontsize=8)
-    _draw_storey_lines(axes, labels)
+    draw_storey_lines(axes, labels)
     _draw_defects(axes, facade, marks, others, px_per_m=scale / rectified.relief.cell_m)
     _draw_deviations(figure, axes, facade, [*marks, *others], total_in, bars_in)
-    _draw_scale_bar(figure, axes, right_m - left_m, total_in, bars_in)
+    draw_scale_bar(figure, axes, right_m - left_m, total_in, bars_in)
     _write_title(figure, labels, facade, marks, len(others), (covered, hidden), rectified.relief.cell_m, total_in)
     return figure
 
 
-def _draw_storey_lines(axes: Axes, labels: ElevationLabels) -> None:
+def draw_storey_lines(axes: Axes, labels: ElevationLabels) -> None:
+    """Draw the base level of each storey that is in view, with its name beside the axes."""
     low, high = axes.get_ylim()
     right = axes.get_xlim()[1]
     for storey in labels.storeys:
@@ -176,8 +177,16 @@ def _draw_deviations(
     )
 
 
-def _draw_scale_bar(figure: Figure, axes: Axes, width_m: float, total_in: tuple[float, float], bars_in: float) -> None:
-    """Draw a scale bar below the axes, at most a quarter of the facade long."""
+def draw_scale_bar(figure: Figure, axes: Axes, width_m: float, total_in: tuple[float, float], bars_in: float) -> None:
+    """Draw a scale bar below the axes, at most a quarter of the facade long.
+
+    Args:
+        figure: the sheet.
+        axes: the facade.
+        width_m: width of the facade, metres.
+        total_in: size of the sheet, inches.
+        bars_in: height of the bar above the lower edge of the sheet, inches.
+    """
     length = next((n for n in (50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.5) if n <= width_m / 4), 0.2)
     box = axes.get_position()
     per_m = box.width / width_m

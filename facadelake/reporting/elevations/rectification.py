@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from facadelake.building.surface import MISS, Surface
+from facadelake.building.surface import MISS, Obstructions, Surface, project_points
 from facadelake.core.arrays import BoolArray, Float32Array, Float64Nx2, UInt8Image
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.errors import InputDataError
@@ -25,9 +25,7 @@ from facadelake.reporting.elevations.blending import (
     assign_blend_weights,
     find_candidates,
 )
-from facadelake.reporting.elevations.obstructions import Obstructions
 from facadelake.reporting.elevations.relief import FacadeRelief
-from facadelake.reporting.elevations.visibility import project_points
 from facadelake.reporting.inspection import PictureSettings
 
 log = logging.getLogger(__name__)

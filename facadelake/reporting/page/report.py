@@ -25,6 +25,7 @@ from facadelake.reporting.page.campaign import (
     list_unused_photographs,
     summarise_checks,
 )
+from facadelake.reporting.page.coverage import describe_coverage
 from facadelake.reporting.page.defects import count_by_facade, describe_severity_rules, list_defects, sort_by_severity
 from facadelake.reporting.page.html import (
     Html,
@@ -49,6 +50,7 @@ _OVERLAY_WITHOUT_EDGES = "Detections by outcome, and registered defects."
 _PLAN = "Metres east and north of the site's origin. Arrows show viewing directions; short arrows point up or down."
 _CONTENTS = {
     "elevations": "Elevations",
+    "coverage": "Coverage",
     "defects": "Defects",
     "severity": "Severity rules",
     "distribution": "Distribution",
@@ -100,6 +102,7 @@ def write_report(
         _render_contents(),
         _render_key_figures(inspection),
         render_section("elevations", "Elevations", *(_render_elevation(e, folder) for e in elevations)),
+        render_section("coverage", "Coverage", *describe_coverage(inspection, elevations, folder)),
         render_section("defects", "Defects", *list_defects(inspection, crops, cards.paths, elevations, folder)),
         render_section("severity", "Severity rules", *describe_severity_rules(inspection)),
         render_section(

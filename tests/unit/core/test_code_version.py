@@ -16,8 +16,8 @@ from facadelake.core.errors import CodeVersionError
 
 FOLDERS = ("cli", "facadelake", "flows", "tasks", "schemas", "sql", "data")
 STAGES = (
-    "as_built_model", "detect", "draw", "georeference", "import_detections", "import_poses", "ingest", "load_model",
-    "measure", "merge", "place_building", "reconstruct", "register", "validate", "verify_model",
+    "detect", "draw", "georeference", "import_detections", "import_poses", "ingest", "load_model", "measure",
+    "measure_coverage", "merge", "reconstruct", "register", "validate", "verify_model", "without_model",
 )  # fmt: skip
 
 # What is changed, and the stages whose results depend on it: (kind, file, stages).
@@ -42,7 +42,8 @@ PLANTED = [
     ("deep import", "facadelake/detection/layouts/output_reader.py", ["detect"]),
     ("deep import", "facadelake/detection/coco/mask.py", ["import_detections"]),
     ("deep import", "facadelake/georeferencing/imported/colmap.py", ["import_poses"]),
-    ("deep import", "facadelake/sfm/free_space.py", ["verify_model", "as_built_model"]),
+    ("deep import", "facadelake/sfm/free_space.py", ["verify_model", "without_model"]),
+    ("deep import", "facadelake/measurement/blur_map.py", ["measure_coverage"]),
     ("SQL check", "sql/checks/covariances_of_poses.sql", ["validate"]),
     ("rule pack", "data/severity/bre251_v1.sql", ["merge"]),
 ]

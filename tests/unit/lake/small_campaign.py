@@ -57,6 +57,23 @@ def _covariance() -> list[float]:
     return [number for row in numbers for number in row]
 
 
+def _cell(
+    column: int, place: Mapping[str, Any], *, imaged: int, found: float | None, searched: int = 1
+) -> dict[str, Any]:
+    """A cell of the south wall, 0.25 m wide and 1 m2 large, with the smallest crack width found there, mm."""
+    low, high, z = 0.25 * column, 0.25 * (column + 1), HEIGHT + 3.0
+    ring = [(LON + 1e-6 * column, LAT, z), (LON + 1e-6 * (column + 1), LAT, z), (LON + 1e-6 * column, LAT, z + 0.25)]
+    view = {"best_photo_id": "closerange/p0.jpg", "gsd_mm": 1.5, "incidence_deg": 20.0, "blur_px": 0.9}
+    return {
+        **place, "facade_azimuth_deg": 180.0, "cell_column": column, "cell_row": 12, "cell_layer": 0,
+        "coverage_outcome": "imaged" if imaged else "not_in_view", "u_min_m": low, "u_max_m": high, "v_min_m": 3.0,
+        "v_max_m": 3.25, "area_m2": 1.0, "x_site_m": (low + high) / 2, "y_site_m": 0.0, "z_site_m": 3.125,
+        "normal_x": 0.0, "normal_y": -1.0, "normal_z": 0.0, "imaged_count": imaged, "searched_count": searched,
+        "hidden_share": 0.0 if imaged else None, **(view if imaged else {}), "found_crack_width_mm": found,
+        "found_patch_mm": None if found is None else 20 * found, "geometry": shapely.to_wkb(shapely.Polygon(ring)),
+    }  # fmt: skip
+
+
 def rows(defects: int = 3, sightings: int = 2, inputs: str = INPUTS, note: str = "a") -> dict[str, list[dict]]:
     """Rows of each table: ``defects`` defects seen ``sightings`` times each, one detection a photograph off target."""
     photos = [f"closerange/p{i}.jpg" for i in range(sightings)]
@@ -153,6 +170,11 @@ def rows(defects: int = 3, sightings: int = 2, inputs: str = INPUTS, note: str =
         "integrity_views": [
             {"photo_id": photo, "integrity_outcome": "compared", "ssim": 0.9, "compared_share": 0.8,
              "depth_difference_median_m": 0.01, "depth_difference_p95_m": 0.05} for photo in photos
+        ],
+        "coverage": [
+            _cell(0, place, imaged=sightings, found=0.9), _cell(1, place, imaged=sightings, found=2.5),
+            _cell(2, place, imaged=1, found=None), _cell(3, place, imaged=1, searched=0, found=None),
+            _cell(4, place, imaged=0, searched=0, found=None),
         ],
         "checks": [
             {"table_name": "defects", "expectation": "expect_column_values_to_not_be_null",

@@ -1,7 +1,8 @@
 """A lake made by an earlier Facadelake is read as it lies, and migrated by the next commit; old versions stay readable.
 
 ``tests/data/lake_schema_1.tar.xz`` was written by the commit before schema version 2: two campaigns of the small
-building, a review of the first, a regrading of the second; ``lake_schema_3.tar.xz`` by the commit before version 4.
+building, a review of the first, a regrading of the second; ``lake_schema_3.tar.xz`` and ``lake_schema_4.tar.xz`` by
+the commits before versions 4 and 5.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ def stored(lake: Path, table: str, as_of: int | None = None) -> pa.Table:
 
 
 # Tables that schema version 1 does not have.
-ADDED = {"placement_checks"}
+ADDED = {"coverage", "placement_checks"}
 
 
 @pytest.mark.parametrize("table", sorted(ADDED))
@@ -104,13 +105,15 @@ def test_a_lake_of_schema_1_under_a_path_with_a_quote(lake: Path, tmp_path: Path
     assert quote_sql_string(moved).count("''") == 1 and len(read_table(moved, "defects")) == 5
 
 
-def test_a_lake_of_schema_3_is_read_and_migrated(tmp_path: Path) -> None:
-    lake = extract(tmp_path, 3)
+@pytest.mark.parametrize("schema", [3, 4])
+def test_a_lake_of_a_later_schema_is_read_and_migrated(tmp_path: Path, schema: int) -> None:
+    lake = extract(tmp_path, schema)
     then = {table: read_table(lake, table) for table in LAKE_TABLES}
-    assert all(len(rows) for table, rows in then.items() if table != "reviews")
+    assert {table for table, rows in then.items() if not len(rows)} <= {"reviews", "coverage"}
     assert then["defects"].column("severity_low").null_count == len(then["defects"])
     with open_to_read(lake) as connection:
-        assert get_schema_version(connection) == 3
+        assert get_schema_version(connection) == schema
     assert commit(lake, run_id="run-3", campaign_id="2027-04").changed
     for table, rows in then.items():
         assert [r for r in read_table(lake, table).to_pylist() if r["campaign_id"] != "2027-04"] == rows.to_pylist()
+    assert len(read_table(lake, "coverage", campaign_id="2027-04")) == 5

@@ -20,12 +20,12 @@ from facadelake.core.errors import InputDataError, StoreError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.lake.regrading import regrade
 from facadelake.publish import releases
-from facadelake.publish.geopackage import create_facade_layers, create_map_layers
+from facadelake.publish.geopackage import create_coverage_layers, create_facade_layers, create_map_layers
 from facadelake.publish.releases import publish_campaign, publish_regraded
 from facadelake.reporting.elevations.facades import Facade
 from facadelake.reporting.elevations.marks import assign_marks, create_marks
 from facadelake.severity.rule_packs import find_rule_file
-from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, HEIGHT, LAT, LON, commit, lake_tables
+from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, HEIGHT, LAT, LON, commit, lake_tables, stage_tables
 
 KEYS = {"building_id": BUILDING, "campaign_id": CAMPAIGN}
 ORIGIN = SiteOrigin(lon_deg=LON, lat_deg=LAT, height_ellipsoidal_m=HEIGHT)
@@ -159,7 +159,7 @@ def test_attribute_table_begins_with_class_and_size_and_keeps_nulls(release: Pat
 def test_geopackage_layers_as_gdal_sees_them(release: Path) -> None:
     path = release / "defects.gpkg"
     assert [str(name) for name, _ in pyogrio.list_layers(path)] == [
-        "defects", "defects_3d", "defects_patches", "defects_patches_3d", "facade_S",
+        "defects", "defects_3d", "defects_patches", "defects_patches_3d", "facade_S", "coverage_3d", "coverage_S",
     ]  # fmt: skip
     for layer, code, kind in (("defects", 4326, "Point"), ("defects_3d", 4979, "Point Z")):
         info = pyogrio.read_info(path, layer=layer)
@@ -169,6 +169,24 @@ def test_geopackage_layers_as_gdal_sees_them(release: Path) -> None:
         np.testing.assert_allclose(points.x, LON + 1e-6 * np.arange(3), rtol=0, atol=1e-12)  # deg
         np.testing.assert_allclose(points.y, LAT, rtol=0, atol=1e-12)  # deg
         assert set(points.has_z) == {code == 4979}
+
+
+def test_coverage_is_on_the_surface_and_in_the_plane_of_its_facade(release: Path) -> None:
+    flat = pyogrio.read_dataframe(release / "defects.gpkg", layer="coverage_S")
+    assert len(flat) == 5
+    assert flat.geometry[1].bounds == (0.25, 3.0, 0.5, 3.25)  # m: u, v
+    assert "facade S" in pyogrio.read_info(release / "defects.gpkg", layer="coverage_S")["crs"]
+    solid = pyogrio.read_info(release / "defects.gpkg", layer="coverage_3d")
+    assert (solid["geometry_type"], pyproj.CRS(solid["crs"])) == ("Polygon Z", pyproj.CRS.from_epsg(4979))
+    cells = gpd.read_parquet(release / "coverage.parquet")
+    assert cells.crs.to_epsg() == 4979
+    assert cells["found_crack_width_mm"].isna().sum() == 3
+    assert set(cells["coverage_outcome"]) == {"imaged", "not_in_view"}
+
+
+def test_a_campaign_without_coverage_has_no_layers_of_it() -> None:
+    empty = stage_tables()["coverage"].slice(0, 0)
+    assert list(create_coverage_layers(empty)) == []
 
 
 def test_patches_are_a_separate_layer_joined_by_defect_id(release: Path) -> None:

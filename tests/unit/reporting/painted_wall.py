@@ -224,5 +224,6 @@ def make_inspection(painted: PaintedWall, defects: list[dict[str, object]], obse
         defects=table_from_rows("defects", defects),
         merges=table_from_rows("merges", []),
         integrity_views=empty,
+        coverage=get_stage_schema("coverage").empty_table(),
         checks=table_from_rows("checks", checks),
     )

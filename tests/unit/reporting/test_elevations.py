@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from facadelake.building.facades import collect_facades
+from facadelake.building.surface.obstructions import Obstructions
 from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import Float64Array
 from facadelake.core.tables import table_from_rows
 from facadelake.reporting.elevations.elevation import draw_elevations, render_background
 from facadelake.reporting.elevations.facades import Facade, find_facades
+from facadelake.reporting.elevations.hidden_regions import find_hidden_regions
 from facadelake.reporting.elevations.marks import assign_marks, create_marks, find_visible_marks
-from facadelake.reporting.elevations.obstructions import Obstructions, find_hidden_regions
 from facadelake.reporting.elevations.rectification import RectifiedElevation, rectify_elevations
 from facadelake.reporting.elevations.relief import render_relief
 from facadelake.reporting.elevations.storeys import find_storey_bases

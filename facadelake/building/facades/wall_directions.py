@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.building import BuildingModel
-from facadelake.building.facades import azimuth_from_direction, collect_facades, measure_turn_deg
-from facadelake.building.surface import Surface
+from facadelake.building.facades.directions import azimuth_from_direction, collect_facades, measure_turn_deg
+from facadelake.building.model import BuildingModel
+from facadelake.building.surface.raycasting import Surface
+from facadelake.building.surface.visibility import check_visibility
 from facadelake.core.arrays import Float64N, Float64Nx3, RowIndices
 from facadelake.core.camera import PosedCamera
 from facadelake.core.frames import compute_facade_axes
-from facadelake.reporting.elevations.visibility import check_visibility
 
 _MIN_NET_AREA_SHARE = 0.3  # length of the area-weighted mean normal below which the sides cancel
 _SIDE_DEG = 60.0  # triangles within this angle of a wall's outward direction are its outer side

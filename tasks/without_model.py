@@ -1,4 +1,4 @@
-"""Task: site frame of a building without a model."""
+"""Tasks of a building without a model: its site frame, and its as-built surface from the tie points of the block."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 from prefect import task
 
-from facadelake.building import mesh_settings_from_registry
+from facadelake.building import mesh_settings_from_registry, read_building
 from facadelake.building.mesh import place_building_without_model
+from facadelake.core.pose_table import read_posed_cameras
 from facadelake.core.tables import read_table
+from facadelake.sfm import build_as_built_model, read_reconstruction
 from tasks.job import InspectionJob, StageResult
 from tasks.stage import Counts, run_stage
 
@@ -26,3 +28,17 @@ def place_building(job: InspectionJob, photos: StageResult) -> StageResult:
 
     inputs = job.building.model_dump(mode="json", include={"crs", "storeys"})
     return run_stage(job, "place-building", reads={"photos": photos}, inputs=inputs, make=make)
+
+
+@task(name="as-built model")
+def make_as_built_model(job: InspectionJob, place: StageResult, block: StageResult, placed: StageResult) -> StageResult:
+    """The building with its as-built surface, divided into facade planes."""
+
+    def make(folder: Path) -> Counts:
+        posed = read_posed_cameras(read_table("poses", placed.folder))
+        model = build_as_built_model(read_building(place.folder), read_reconstruction(block.folder), posed)
+        model.save(folder)
+        return {"facade planes": len(model.elements), "triangles": len(model.triangles)}
+
+    reads = {"place": place, "block": block, "placed": placed}
+    return run_stage(job, "as-built-model", reads=reads, inputs={}, make=make)

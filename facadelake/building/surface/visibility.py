@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from facadelake.building.surface import Surface
+from facadelake.building.surface.raycasting import Surface
 from facadelake.core.arrays import BoolArray, Float64N, Float64Nx2, Float64Nx3
 from facadelake.core.camera import Camera, PosedCamera
 
@@ -15,10 +15,13 @@ from facadelake.core.camera import Camera, PosedCamera
 class PointVisibility:
     """Visibility of points (n,) in one photograph.
 
-    ``pixel_m``: size of a pixel on the surface along its longest side, metres. ``inset``: distance of the pixel from
-    the photograph's border, 0 at the border and 1 at the centre; lenses are darker and less sharp towards the border.
+    ``in_view``: the photograph's frame contains the point, and faces it at no more than the permitted incidence.
+    ``visible``: it is in view, and the surface does not hide it. ``pixel_m``: size of a pixel on the surface along its
+    longest side, metres. ``inset``: distance of the pixel from the photograph's border, 0 at the border and 1 at the
+    centre; lenses are darker and less sharp towards the border.
     """
 
+    in_view: BoolArray
     visible: BoolArray
     pixel_m: Float64N
     inset: Float64N
@@ -65,13 +68,15 @@ def check_visibility(
         max_incidence_deg: larger angles between ray and normal count as not visible, degrees.
     """
     count = len(xyz_site_m)
-    visible, pixel_m, inset = np.zeros(count, dtype=bool), np.full(count, np.inf), np.zeros(count)
+    in_view, visible = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+    pixel_m, inset = np.full(count, np.inf), np.zeros(count)
     to_point = xyz_site_m - posed.centre_site_m
     distance = np.linalg.norm(to_point, axis=1)
     cosine = -np.einsum("ij,ij->i", to_point, normal_site) / np.maximum(distance, 1e-9)
     facing = np.flatnonzero(cosine > np.cos(np.radians(max_incidence_deg)))
     xy, inside = project_points(posed, xyz_site_m[facing])
     rows = facing[inside]
+    in_view[rows] = True
     if len(rows):
         origins = np.broadcast_to(posed.centre_site_m, (len(rows), 3))
         hits = surface.cast(origins, to_point[rows])
@@ -79,4 +84,4 @@ def check_visibility(
         pixel_m[rows] = distance[rows] / posed.camera.fx_px / cosine[rows]
         share = xy[inside] / (posed.camera.width_px, posed.camera.height_px)
         inset[rows] = np.clip(2.0 * np.minimum(share, 1.0 - share).min(axis=1), 0.0, 1.0)
-    return PointVisibility(visible=visible, pixel_m=pixel_m, inset=inset)
+    return PointVisibility(in_view=in_view, visible=visible, pixel_m=pixel_m, inset=inset)
