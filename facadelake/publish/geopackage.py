@@ -33,7 +33,7 @@ _AZIMUTH_DECIMALS = 2  # of degrees: 9 mm over 50 m
 _COVERAGE_COLUMNS = [
     "coverage_outcome", "imaged_count", "searched_count", "hidden_share", "gsd_mm", "incidence_deg", "blur_px",
     "found_crack_width_mm", "found_patch_mm", "area_m2", "facade", "storey", "element_guid", "cell_column", "cell_row",
-    "cell_layer", "best_photo_id",
+    "cell_layer", "best_photo_id", "campaign_id",
 ]  # fmt: skip
 LEVEL = "level"  # roofs, floors and soffits: plan view, u east and v north
 
@@ -95,16 +95,7 @@ def create_facade_layers(defects: pa.Table) -> Iterator[GisLayer]:
 
     A facade whose azimuth differs between campaigns, because the model was changed, has a layer for each.
     """
-    # Interior surfaces (facade "inside") have no exterior view.
-    azimuths = pc.round(defects.column("facade_azimuth_deg"), _AZIMUTH_DECIMALS)
-    planes = dict.fromkeys(zip(defects.column("facade").to_pylist(), azimuths.to_pylist(), strict=True))
-    named = Counter(facade for facade, _ in planes)
-    for facade, azimuth_deg in sorted(planes, key=lambda plane: (plane[0], plane[1] or 0.0)):
-        if azimuth_deg is None and facade != LEVEL:
-            continue
-        same_plane = pc.is_null(azimuths) if azimuth_deg is None else pc.equal(azimuths, azimuth_deg)
-        rows = defects.filter(pc.and_(pc.equal(defects.column("facade"), facade), same_plane))
-        name = facade if named[facade] == 1 else f"{facade}_{azimuth_deg:.2f}"
+    for name, azimuth_deg, rows in _divide_by_plane(defects):
         polygons, geometry_type = _unify_types(_create_outlines(rows, azimuth_deg))
         yield GisLayer(
             name=f"facade_{name}",
@@ -130,16 +121,29 @@ def create_coverage_layers(coverage: pa.Table) -> Iterator[GisLayer]:
         geometry_type="Polygon Z",
         crs=CRS_3D,
     )
-    for facade in sorted(set(coverage.column("facade").to_pylist())):
-        rows = coverage.filter(pc.equal(coverage.column("facade"), facade))
+    for name, _, rows in _divide_by_plane(coverage):
         u_min, u_max, v_min, v_max = _collect_columns(rows, "u_min_m", "u_max_m", "v_min_m", "v_max_m").T
         yield GisLayer(
-            name=f"coverage_{facade}",
+            name=f"coverage_{name}",
             rows=rows.select(_COVERAGE_COLUMNS),
             geometry=_wkb_from_geometries(shapely.box(u_min, v_min, u_max, v_max)),
             geometry_type="Polygon",
-            crs=create_plane_crs(facade),
+            crs=create_plane_crs(name),
         )
+
+
+def _divide_by_plane(rows: pa.Table) -> Iterator[tuple[str, float | None, pa.Table]]:
+    """The rows of each facade's plane, with the name of its layer and its azimuth (None: plan view)."""
+    # Interior surfaces (facade "inside") have no exterior view.
+    azimuths = pc.round(rows.column("facade_azimuth_deg"), _AZIMUTH_DECIMALS)
+    planes = dict.fromkeys(zip(rows.column("facade").to_pylist(), azimuths.to_pylist(), strict=True))
+    named = Counter(facade for facade, _ in planes)
+    for facade, azimuth_deg in sorted(planes, key=lambda plane: (plane[0], plane[1] or 0.0)):
+        if azimuth_deg is None and facade != LEVEL:
+            continue
+        same_plane = pc.is_null(azimuths) if azimuth_deg is None else pc.equal(azimuths, azimuth_deg)
+        own = rows.filter(pc.and_(pc.equal(rows.column("facade"), facade), same_plane))
+        yield facade if named[facade] == 1 else f"{facade}_{azimuth_deg:.2f}", azimuth_deg, own
 
 
 def _collect_columns(rows: pa.Table, *names: str) -> Float64Array:
