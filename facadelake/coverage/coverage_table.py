@@ -64,7 +64,7 @@ def _build_table(building: BuildingModel, cells: FacadeCells, views: CellViews, 
     )  # fmt: skip
     outlines = cells.build_outlines()
     geo = building.origin.geo_from_site(outlines.reshape(-1, 3)).reshape(outlines.shape) if len(cells) else outlines
-    looked = (views.steep > 0) & obstructions_known
+    looked = (views.viewed > 0) & obstructions_known
     columns: dict[str, Sequence[object] | np.ndarray] = {
         "facade": [cells.facades[index] for index in cells.facade.tolist()],
         "facade_azimuth_deg": cells.azimuth_deg,
@@ -80,7 +80,7 @@ def _build_table(building: BuildingModel, cells: FacadeCells, views: CellViews, 
         **dict(zip(("normal_x", "normal_y", "normal_z"), np.clip(cells.normal_site, -1, 1).T, strict=True)),
         "imaged_count": views.imaged_count,
         "searched_count": views.searched_count,
-        "hidden_share": _null_nan(np.where(looked, views.blocked / np.maximum(views.steep, 1), np.nan)),
+        "hidden_share": _null_nan(np.where(looked, views.blocked / np.maximum(views.viewed, 1), np.nan)),
         "best_photo_id": [None if index == NONE else views.photo_ids[index] for index in views.best.tolist()],
         "gsd_mm": _null_nan(views.gsd_mm),
         "incidence_deg": _null_nan(views.incidence_deg),
@@ -95,10 +95,9 @@ def _build_table(building: BuildingModel, cells: FacadeCells, views: CellViews, 
 
 def _find_outcomes(views: CellViews) -> list[str]:
     """Whether the cells are imaged, else what prevents it: the obstacle that is the easiest to get around first."""
-    outcomes = np.full(len(views.front), CoverageOutcome.NOT_IN_VIEW, dtype=object)
-    outcomes[views.front > 0] = CoverageOutcome.HIDDEN_BY_MODEL
-    outcomes[views.open > views.steep] = CoverageOutcome.GRAZING
-    outcomes[views.steep > 0] = CoverageOutcome.NOT_IN_VIEW  # cut by the frame's border
+    outcomes = np.full(len(views.framed), CoverageOutcome.NOT_IN_VIEW, dtype=object)
+    outcomes[views.framed > views.clear] = CoverageOutcome.HIDDEN_BY_MODEL
+    outcomes[views.clear > views.viewed] = CoverageOutcome.GRAZING
     outcomes[views.hidden] = CoverageOutcome.OBSTRUCTED
     outcomes[views.imaged_count > 0] = CoverageOutcome.IMAGED
     return [str(outcome) for outcome in outcomes]

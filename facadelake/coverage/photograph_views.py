@@ -53,20 +53,20 @@ class CellViews:
     """What the photographs show of n cells.
 
     ``imaged_count``, ``searched_count``: photographs that show the cell, and those of them that the detector processed.
-    ``front``, ``open``, ``blocked``, ``steep``: numbers of views of the cell's samples that are in a frame and face it;
-    that the model does not hide either; of the steep ones of these those that something before the wall hides; and
-    those at a permitted incidence. ``hidden``: in a photograph something hides a part of the cell or of a neighbour.
-    ``best``: index in ``photo_ids`` of the photograph that would show the smallest
-    crack, ``NONE`` where there is none; ``gsd_mm``, ``incidence_deg``, ``blur_px`` in it, NaN where unknown.
+    Numbers of views of the cell's samples, each contained in the one before: ``framed``, a photograph's frame contains
+    the sample and faces it; ``clear``, the model does not hide it; ``viewed``, the incidence is permitted; ``blocked``,
+    something before the wall hides it. ``hidden``: in a photograph something hides a part of the cell or a neighbour.
+    ``best``: index in ``photo_ids`` of the photograph that would show the smallest crack, ``NONE`` where there is none;
+    ``gsd_mm``, ``incidence_deg``, ``blur_px`` in it, NaN where unknown.
     ``found_crack_width_mm``, ``found_patch_mm``: the smallest that the detector finds, NaN where unknown.
     """
 
     photo_ids: tuple[str, ...]
     imaged_count: Int64Array
     searched_count: Int64Array
-    front: Float64N
-    open: Float64N
-    steep: Float64N
+    framed: Float64N
+    clear: Float64N
+    viewed: Float64N
     blocked: Float64N
     hidden: BoolArray
     best: NDArray[np.int64]
@@ -102,7 +102,7 @@ def view_cells(
     count = len(cells)
     size = cells.sum_samples(np.ones(len(cells.cell_of_sample)))
     imaged, searched = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
-    front, open_, steep, blocked = (np.zeros(count) for _ in range(4))
+    framed, clear, viewed, blocked = (np.zeros(count) for _ in range(4))
     hidden = np.zeros(count, dtype=bool)
     best, pixel_mm = np.full(count, NONE, dtype=np.int64), np.full(count, np.inf)
     gsd_mm, incidence_deg, blur_px = (np.full(count, np.nan) for _ in range(3))
@@ -114,16 +114,15 @@ def view_cells(
             continue
         posed = photographs.posed[photo_id]
         seen = _view_samples(cells, surface, posed, settings, obstructions, photographs.masks.get(photo_id))
-        front += cells.sum_samples(seen.front)
-        open_ += cells.sum_samples(seen.open)
-        seen_steep = cells.sum_samples(seen.steep)
-        steep += seen_steep
-        of_cell = cells.sum_samples(seen.blocked)
-        blocked += of_cell
+        framed += cells.sum_samples(seen.framed)
+        clear += cells.sum_samples(seen.clear)
+        viewed_here, blocked_here = cells.sum_samples(seen.viewed), cells.sum_samples(seen.blocked)
+        viewed += viewed_here
+        blocked += blocked_here
         # An as-built surface ends short of the edges of an object: beside what it hides the photograph may show them.
-        is_hidden = cells.widen_to_neighbours(of_cell > 0)
-        hidden |= is_hidden & (seen_steep > 0)
-        shown = np.flatnonzero((seen_steep >= _SHOWN_SHARE * size) & ~is_hidden)
+        is_hidden = cells.widen_to_neighbours(blocked_here > 0)
+        hidden |= is_hidden & (viewed_here > 0)
+        shown = np.flatnonzero((viewed_here >= _SHOWN_SHARE * size) & ~is_hidden)
         imaged[shown] += 1
         scale = _measure_scale(cells, shown, posed, blur)
         area_mm = np.sqrt(scale.gsd_mm * scale.pixel_mm)  # root of the area of a pixel on the surface
@@ -139,7 +138,7 @@ def view_cells(
         gsd_mm[better], incidence_deg[better] = scale.gsd_mm[is_better], scale.incidence_deg[is_better]
         blur_px[better] = scale.blur_px[is_better]
     return CellViews(
-        photo_ids=photo_ids, imaged_count=imaged, searched_count=searched, front=front, open=open_, steep=steep,
+        photo_ids=photo_ids, imaged_count=imaged, searched_count=searched, framed=framed, clear=clear, viewed=viewed,
         blocked=blocked, hidden=hidden, best=best, gsd_mm=gsd_mm, incidence_deg=incidence_deg, blur_px=blur_px,
         found_crack_width_mm=crack_mm, found_patch_mm=patch_mm,
     )  # fmt: skip
@@ -165,9 +164,9 @@ def _measure_blur_ahead(photographs: CampaignPhotographs) -> Iterator[tuple[str,
 class _SampleViews:
     """Masks (m,) of the samples in one photograph, each within the one before; see ``CellViews``."""
 
-    front: BoolArray
-    open: BoolArray
-    steep: BoolArray
+    framed: BoolArray
+    clear: BoolArray
+    viewed: BoolArray
     blocked: BoolArray
 
 
@@ -193,15 +192,15 @@ def _view_samples(
     view = check_visibility(
         posed, surface, xyz, normal, tolerance_m=settings.visibility_tolerance_m, max_incidence_deg=90.0
     )
-    is_steep = view.visible & (_measure_cosine(posed, xyz, normal) >= np.cos(np.radians(settings.grazing_above_deg)))
-    rows = np.flatnonzero(is_steep)
+    is_viewed = view.visible & (_measure_cosine(posed, xyz, normal) >= np.cos(np.radians(settings.grazing_above_deg)))
+    rows = np.flatnonzero(is_viewed)
     blocked = np.zeros(len(xyz), dtype=bool)
     if obstructions is not None and len(rows):
         blocked[rows] = obstructions.find_hidden_points(posed.centre_site_m, xyz[rows])
     if mask is not None and len(rows):
         xy, _ = project_points(posed, xyz[rows])
         blocked[rows] |= _find_masked(mask, posed, xy)
-    return _SampleViews(front=view.in_view, open=view.visible, steep=is_steep, blocked=blocked)
+    return _SampleViews(framed=view.in_view, clear=view.visible, viewed=is_viewed, blocked=blocked)
 
 
 def _measure_cosine(posed: PosedCamera, xyz_site_m: Float64Nx2, normal_site: Float64Nx2) -> Float64N:
