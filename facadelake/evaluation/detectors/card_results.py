@@ -141,6 +141,7 @@ def _build_class_entry(one: ClassFigures) -> dict[str, Any]:
         "mean_ap50_of_sites": one.mean_ap50_of_sites,
         "ap50_95": one.ap50_95,
         **one.operating.convert_to_json(),
+        "recall_by_size": [[at.size_px, at.recall, at.truths] for at in one.recall_by_size],
         "ece": one.calibration.ece,
         "expected_precision": one.calibration.expected_precision,
         "precision_down_to_threshold": one.calibration.precision_shown,

@@ -21,7 +21,9 @@ from facadelake.evaluation.detectors.labels.labels import LabelledImage, Labelle
 from facadelake.evaluation.detectors.operating_point import (
     Confusion,
     OperatingPoint,
+    RecallAtSize,
     compute_operating_point,
+    compute_recall_by_size,
     count_confusions,
     sum_operating_points,
 )
@@ -75,6 +77,7 @@ class ClassFigures:
 
     ``ap50`` and ``ap50_95``: COCO's average precision, None without labelled boxes (``truths``);
     ``mean_ap50_of_sites``: mean over sites of equal weight. ``ap50_by_*``: bootstrap intervals of 95 % of ``ap50``.
+    ``recall_by_size``: by the root of a box's area, for the key of that name of the model card.
     """
 
     defect_class: DefectClass
@@ -86,6 +89,7 @@ class ClassFigures:
     ap50_by_photographs: BootstrapInterval | None
     mean_ap50_of_sites: float | None
     operating: OperatingPoint
+    recall_by_size: tuple[RecallAtSize, ...]
     calibration: CalibrationFigures
 
 
@@ -227,6 +231,7 @@ def _compute_class_figures(
         ap50_by_photographs=estimate_interval(all_matches.images, ap50, by_site=False) if has_truth else None,
         mean_ap50_of_sites=_average_known([one.ap50 for one in sites if one.defect_class is all_matches.defect_class]),
         operating=compute_operating_point(shown_matches),
+        recall_by_size=compute_recall_by_size(shown_matches),
         calibration=compute_calibration(all_matches, threshold),
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 from pycocotools.mask import iou
@@ -17,6 +17,7 @@ from facadelake.evaluation.detectors.predictions import Prediction
 
 NOTHING = "nothing"
 IOU_MIN = 0.5
+_TRUTHS_MIN = 10
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +58,41 @@ def compute_operating_point(matches: PredictionMatches, weights: Float64N | None
         hits=round(float(prediction_weight[matches.hit[0]].sum())),
         false_alarms=round(float(prediction_weight[~(matches.hit[0] | matches.ignored[0])].sum())),
         misses=round(float(weight[matches.truth_image][~matches.found[0]].sum())),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecallAtSize:
+    """Recall of the ``truths`` labelled boxes of a range of sizes; ``size_px``: median of the root of their areas."""
+
+    size_px: float
+    recall: float
+    truths: int
+
+
+def compute_recall_by_size(matches: PredictionMatches) -> tuple[RecallAtSize, ...]:
+    """Recall at an IoU of 0.5 in ranges of half an octave of size, from the smallest up.
+
+    Ranges of less than 10 boxes are joined to the next larger one, the last one to the one before.
+    """
+    boxes = [matches.images[i].boxes[k].box for i, k in zip(matches.truth_image, matches.truth_rank, strict=True)]
+    size = np.sqrt([box.width_px * box.height_px for box in boxes])
+    order = np.argsort(size, kind="stable")
+    size, found = size[order], matches.found[0][order]
+    bounds = [0]
+    for end in range(1, len(size) + 1):
+        is_last = end == len(size)
+        if not is_last and size[end] < size[bounds[-1]] * np.sqrt(2.0):
+            continue
+        if end - bounds[-1] >= _TRUTHS_MIN:
+            bounds.append(end)
+        elif is_last and len(bounds) > 1:
+            bounds[-1] = end
+    return tuple(
+        RecallAtSize(
+            size_px=float(np.median(size[start:end])), recall=float(found[start:end].mean()), truths=end - start
+        )
+        for start, end in pairwise(bounds)
     )
 
 

@@ -10,6 +10,7 @@ from facadelake.evaluation.detectors.average_precision import compute_average_pr
 from facadelake.evaluation.detectors.bootstrap import estimate_interval
 from facadelake.evaluation.detectors.calibration import compute_calibration
 from facadelake.evaluation.detectors.false_alarms import compute_false_alarms
+from facadelake.evaluation.detectors.operating_point import compute_recall_by_size
 from tests.unit.evaluation.detectors.labelled import CRACK, MOISTURE, guess, image
 
 HERE, THERE = (10.0, 10.0, 20.0, 20.0), (60.0, 40.0, 20.0, 20.0)
@@ -96,3 +97,25 @@ def test_one_site_says_nothing_of_others() -> None:
 def test_no_photographs_are_refused() -> None:
     with pytest.raises(InputDataError, match="none of the photographs without defects"):
         compute_false_alarms("walls", [], {}, {})
+
+
+def test_recall_by_size_by_hand() -> None:
+    """Twelve boxes of 8 px of which three are found, twelve of 20 px of which eleven are, four of 40 px, all found."""
+    sizes = [8.0] * 12 + [20.0] * 12 + [40.0] * 4
+    found = [i < 3 or i >= 13 for i in range(28)]
+    boxes = [(10.0, 10.0, side, side) for side in sizes]
+    images = [image(f"{i:02d}", box) for i, box in enumerate(boxes)]
+    shown = {
+        f"{i:02d}": (guess(0.9, box),) if known else () for i, (box, known) in enumerate(zip(boxes, found, strict=True))
+    }
+    small, large = compute_recall_by_size(match_predictions(images, shown, CRACK))
+    assert (small.size_px, small.recall, small.truths) == (8.0, 0.25, 12)
+    # Four boxes are too few for a range of their own.
+    assert (large.size_px, large.recall, large.truths) == (20.0, 15 / 16, 16)
+
+
+def test_few_boxes_have_no_recall_by_size() -> None:
+    images = [image(f"{i}", HERE) for i in range(9)]
+    shown = {f"{i}": (guess(0.9, HERE),) for i in range(9)}
+    assert compute_recall_by_size(match_predictions(images, shown, CRACK)) == ()
+    assert compute_recall_by_size(match_predictions(images, shown, MOISTURE)) == ()
