@@ -1,4 +1,4 @@
--- Coverage: which parts of the facades a campaign's photographs show, and how well.
+-- History: what each campaign could see of the building, by which absence is told from not having been looked at.
 
 -- coverage: one row per cell of a facade on an element
 CREATE TABLE coverage (
