@@ -115,7 +115,8 @@ def draw_elevations(
         covered = float((rectified.covered & ~rectified.hidden & met).sum() / max(int(met.sum()), 1))
         hidden = float((rectified.hidden & met).sum() / max(int(met.sum()), 1))
         others = find_visible_marks(rectified.relief, marks, own)
-        sheet = draw_elevation(labels, rectified, background, own, others, covered, hidden)
+        hatched = _draw_hatch(background, rectified)
+        sheet = draw_elevation(labels, rectified, hatched, own, others, covered, hidden)
         sheet.savefig(path, dpi=DPI, pil_kwargs={"compress_level": 4})
         cells = select_coverage(inspection.coverage, facade)
         coverage_path = None
@@ -134,7 +135,7 @@ def draw_elevations(
                 hidden_share=hidden,
                 hidden_regions=tuple(find_hidden_regions(rectified.relief, rectified.hidden)),
                 obstructions_known=obstructions is not None,
-                overview=create_overview(facade, background, rectified.relief.cell_m),
+                overview=create_overview(facade, hatched, rectified.relief.cell_m),
             )
         )
     elevations.sort(key=lambda elevation: -elevation.facade.area_m2)
@@ -163,7 +164,7 @@ def _write_thumbnail(source: Path, path: Path) -> None:
 
 
 def render_background(rectified: RectifiedElevation, building: BuildingModel) -> UInt8Image:
-    """Background of an elevation (rows, columns, RGB): photographs, the shaded model elsewhere, edges, hatching.
+    """Background of an elevation (rows, columns, RGB): photographs, the shaded model elsewhere, edges.
 
     Dark photographs are brightened by one factor for the whole elevation.
     """
@@ -177,18 +178,19 @@ def render_background(rectified: RectifiedElevation, building: BuildingModel) ->
     edges_on_photo, edges_on_model = edges & covered, edges & ~covered
     picture[edges_on_photo] = (0.45 * picture[edges_on_photo]).astype(np.uint8)
     picture[edges_on_model] = 110
-    _draw_hatch(picture, rectified)
     return picture
 
 
-def _draw_hatch(picture: UInt8Image, rectified: RectifiedElevation) -> None:
-    """Hatch the hidden cells: what they show may be the object that hides the wall."""
+def _draw_hatch(background: UInt8Image, rectified: RectifiedElevation) -> UInt8Image:
+    """The background with its hidden cells hatched: what they show may be the object that hides the wall."""
+    picture = background.copy()
     rows, columns = np.indices(rectified.relief.shape)
     spacing = max(2, round(_HATCH_M / rectified.relief.cell_m))
     phase = (rows + columns) % spacing
     width = max(1, spacing // 5)
     picture[rectified.hidden & (phase < width)] = _HATCH_RGB
     picture[rectified.hidden & (phase >= spacing // 2) & (phase < spacing // 2 + width)] = 255
+    return picture
 
 
 def map_defects_to_elevations(elevations: Sequence[Elevation]) -> dict[str, FacadeOverview]:

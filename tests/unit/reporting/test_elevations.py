@@ -74,6 +74,15 @@ def test_a_surface_of_tie_points_gets_no_edges_that_would_look_like_cracks(paint
     assert changed > 20 * height  # cells: of a wall of 800 cells, with a step every 25
 
 
+def test_the_background_that_coverage_is_drawn_on_has_no_hatching(painted: PaintedWall) -> None:
+    """Hatching means something else in a layer of coverage, whose legend does not name that of the elevation."""
+    result = rectify_front(painted)
+    hidden = replace(result, hidden=np.ones_like(result.hidden))
+    np.testing.assert_array_equal(
+        render_background(hidden, painted.building), render_background(result, painted.building)
+    )
+
+
 def test_a_painted_wall_rectifies_to_its_painting(painted: PaintedWall) -> None:
     result = rectify_front(painted)
     paint, on_wall = resample_painting(result, painted)
