@@ -31,6 +31,14 @@ AnyPortfolioPath = Annotated[
     Path, typer.Option("--portfolio", help="Accepted as by every command; a query of the lake needs no portfolio.")
 ]
 BuildingId = Annotated[str, typer.Argument(help="Id of the building in the portfolio.")]
+AsOf = Annotated[
+    str | None,
+    typer.Option(
+        metavar="VERSION|TIME",
+        help="Read an earlier version of the lake: its number, or the last one committed at or before a time: "
+        "2026-04-30 (its end), 2026-04-30T14:30, 2026-04-30T14:30+02:00; UTC where no offset is given.",
+    ),
+]
 CampaignId = Annotated[str, typer.Argument(help="Id of the campaign, such as 2026-04; 'latest' is the newest.")]
 DEFAULT_PORTFOLIO = CHECKOUT / "data" / "portfolio.yaml"
 DEFAULT_LAKE = CHECKOUT / "lake"

@@ -13,6 +13,7 @@ from cli.options import (
     DEFAULT_LAKE,
     DEFAULT_PORTFOLIO,
     AnyPortfolioPath,
+    AsOf,
     BuildingId,
     CampaignId,
     ExistingLakePath,
@@ -26,13 +27,15 @@ from facadelake.core.errors import InputDataError
 
 def campaigns(
     building: Annotated[str | None, typer.Argument(help="Only this building.")] = None,
+    as_of: AsOf = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
     """List the registered campaigns and those in the lake, each with its version."""
     from cli.terminal.listings import show_campaigns
+    from facadelake.lake import resolve_version
 
-    show_campaigns(console, read_portfolio_at(portfolio), lake, building)
+    show_campaigns(console, read_portfolio_at(portfolio), lake, building, resolve_version(lake, as_of))
 
 
 def defects(
@@ -40,14 +43,15 @@ def defects(
     campaign: Annotated[str | None, typer.Argument(help="Only this campaign.")] = None,
     defect_class: Annotated[str | None, typer.Option("--class", help="Only crack, spalling or moisture.")] = None,
     limit: Annotated[int, typer.Option(min=1, help="Maximum number of rows.")] = 40,
-    as_of: Annotated[int | None, typer.Option(help="Read this earlier version of the lake.")] = None,
+    as_of: AsOf = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
     """List the defects of a building: class, severity, place, size, number of photographs."""
     from cli.terminal.listings import show_defects
+    from facadelake.lake import resolve_version
 
-    show_defects(console, lake, portfolio, building, campaign, defect_class, limit, as_of)
+    show_defects(console, lake, portfolio, building, campaign, defect_class, limit, resolve_version(lake, as_of))
 
 
 def coverage(
@@ -56,7 +60,7 @@ def coverage(
         str | None, typer.Argument(help="The campaign; left out, the newest of the building in the lake.")
     ] = None,
     limit: Annotated[int, typer.Option(min=1, help="Maximum number of listed areas.")] = 20,
-    as_of: Annotated[int | None, typer.Option(help="Read this earlier version of the lake.")] = None,
+    as_of: AsOf = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
@@ -66,8 +70,9 @@ def coverage(
     Coordinates are those of the elevations: u to the right as seen from outside, v up, from the site's origin.
     """
     from cli.terminal.coverage import show_coverage
+    from facadelake.lake import resolve_version
 
-    show_coverage(console, lake, portfolio, building, campaign, limit, as_of)
+    show_coverage(console, lake, portfolio, building, campaign, limit, resolve_version(lake, as_of))
 
 
 def sql(
@@ -79,7 +84,7 @@ def sql(
     ] = None,
     list_questions: Annotated[bool, typer.Option("--list", help="List the stored questions.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print rows as JSON.")] = False,
-    as_of: Annotated[int | None, typer.Option(help="Read this earlier version of the lake.")] = None,
+    as_of: AsOf = None,
     portfolio: AnyPortfolioPath = DEFAULT_PORTFOLIO,
     lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
@@ -88,11 +93,12 @@ def sql(
     Example: facadelake sql "SELECT facade, count(*) AS n FROM defects GROUP BY facade ORDER BY n DESC"
     """
     from cli.terminal.answers import print_answer, show_questions
+    from facadelake.lake import resolve_version
 
     if list_questions or question is None:
         show_questions(console)
         return
-    print_answer(console, lake, question, parameter or [], as_of=as_of, as_json=as_json)
+    print_answer(console, lake, question, parameter or [], as_of=resolve_version(lake, as_of), as_json=as_json)
 
 
 def export(
@@ -100,19 +106,20 @@ def export(
     file: Annotated[Path, typer.Argument(help="File to write; the suffix is the format: .gpkg .parquet .geojson .csv")],
     campaign: Annotated[str | None, typer.Option(help="Only this campaign.")] = None,
     table: Annotated[str, typer.Option(help="Table to export.")] = "defects",
-    as_of: Annotated[int | None, typer.Option(help="Read this earlier version of the lake.")] = None,
+    as_of: AsOf = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
     """Write a building's defects (or another table) to a file for GIS or a spreadsheet."""
     from cli.terminal.listings import require_committed, require_known
-    from facadelake.lake import read_table
+    from facadelake.lake import read_table, resolve_version
     from facadelake.publish import export_table
 
     require_known(lake, portfolio, building)
-    rows = read_table(lake, table, building_id=building, campaign_id=campaign, as_of=as_of)
+    version = resolve_version(lake, as_of)
+    rows = read_table(lake, table, building_id=building, campaign_id=campaign, as_of=version)
     if not len(rows):
-        require_committed(lake, building, campaign)
+        require_committed(lake, building, campaign, version)
         raise InputDataError(
             f"the lake {lake} has no rows of '{table}' for building '{building}'"
             + (f", campaign '{campaign}'" if campaign else "")
@@ -133,6 +140,7 @@ def view(
         float | None,
         typer.Option(min=0.01, max=1.0, help="Scale of the panels to the photograph; default: 1000 pixels wide."),
     ] = None,
+    as_of: AsOf = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
@@ -140,10 +148,17 @@ def view(
 
     The images are also written as a NumPy archive (.npz) beside the picture.
     """
+    from facadelake.lake import resolve_version
     from facadelake.reporting import view_photograph
 
     shown = view_photograph(
-        read_portfolio_at(portfolio).get_building(building), campaign, photo, lake=lake, output=output, scale=scale
+        read_portfolio_at(portfolio).get_building(building),
+        campaign,
+        photo,
+        lake=lake,
+        output=output,
+        scale=scale,
+        as_of=resolve_version(lake, as_of),
     )
     console.print(f"{shown.photo_id} written to {shown.path}, its images to {shown.path.with_suffix('.npz')}")
 
@@ -166,6 +181,7 @@ def pictures(
     output: Annotated[
         Path | None, typer.Option(help="Folder to write to; default: one in the lake's 'pictures'.")
     ] = None,
+    as_of: AsOf = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
@@ -176,21 +192,23 @@ def pictures(
     """
     from cli.terminal.drawing import draw_in_terminal, get_default_folder
     from facadelake.campaigns import resolve_campaign
+    from facadelake.lake import resolve_version
     from facadelake.reporting import draw_pictures
 
     registered = read_portfolio_at(portfolio).get_building(building)
-    chosen = resolve_campaign(registered, campaign)
+    chosen, version = resolve_campaign(registered, campaign), resolve_version(lake, as_of)
     draw_in_terminal(
         console,
         lambda: draw_pictures(
             registered,
             chosen,
             lake=lake,
-            folder=output or get_default_folder(lake, building, chosen),
+            folder=output or get_default_folder(lake, building, chosen, version),
             defects=tuple(defect or ()),
             facades=tuple(facade or ()),
             photos=tuple(photo or ()),
             draw_all=all_of_them,
+            as_of=version,
         ),
     )
 
@@ -210,15 +228,22 @@ def evaluate(
     plots: Annotated[
         Path | None, typer.Option(help="Folder for pictures: distribution, vectors, deviation, sigmas, views.")
     ] = None,
+    as_of: AsOf = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
     """Compare a committed campaign with truth: cameras, rays, positions, sigmas, merging, elements."""
     from cli.terminal.answers import show_figures
     from facadelake.evaluation.campaigns import compare_campaign, compute_figures
+    from facadelake.lake import resolve_version
 
     compared = compare_campaign(
-        read_portfolio_at(portfolio).get_building(building), campaign, lake=lake, truth=truth, detections=detections
+        read_portfolio_at(portfolio).get_building(building),
+        campaign,
+        lake=lake,
+        truth=truth,
+        detections=detections,
+        as_of=resolve_version(lake, as_of),
     )
     if plots is not None:
         from facadelake.evaluation.campaigns import write_plots

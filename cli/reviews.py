@@ -11,6 +11,7 @@ import typer
 from cli.options import (
     DEFAULT_LAKE,
     DEFAULT_PORTFOLIO,
+    AsOf,
     BuildingId,
     CampaignId,
     ExistingLakePath,
@@ -40,6 +41,7 @@ def export_task(
         bool, typer.Option("--unreviewed", help="Only photographs with a detection that has no review.")
     ] = False,
     score_min: Annotated[float, typer.Option(min=0, max=1, help="Leave out detections with a lower score.")] = 0.0,
+    as_of: AsOf = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
@@ -49,6 +51,7 @@ def export_task(
     """
     from cli.terminal.reviews import show_task
     from facadelake.campaigns import resolve_campaign
+    from facadelake.lake import resolve_version
     from facadelake.reviews import export_task as write
 
     registered = read_portfolio_at(portfolio).get_building(building)
@@ -60,6 +63,7 @@ def export_task(
         photographs=tuple(photo or ()),
         only_unreviewed=unreviewed,
         score_min=score_min,
+        as_of=resolve_version(lake, as_of),
     )
     show_task(console, task, files)
 
@@ -96,20 +100,23 @@ def list_reviews(
     building: BuildingId,
     campaign: Annotated[str | None, typer.Argument(help="Only this campaign.")] = None,
     lines: Annotated[bool, typer.Option("--lines", help="List each review, not only the counts.")] = False,
+    as_of: AsOf = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
     """List the current reviews of a building's detections, and reviews whose detection no longer exists."""
     from cli.terminal.reviews import show_reviews
-    from facadelake.lake import read_table
+    from facadelake.lake import read_table, resolve_version
     from facadelake.reviews import read_reviewed_campaign
 
     registered = read_portfolio_at(portfolio).get_building(building)
-    held = read_table(lake, "campaigns", building_id=building).column("campaign_id").to_pylist()
+    version = resolve_version(lake, as_of)
+    held = read_table(lake, "campaigns", building_id=building, as_of=version).column("campaign_id").to_pylist()
     chosen = [campaign] if campaign else sorted(held)
     if not chosen:
         raise InputDataError(f"the lake {lake} holds no campaign of '{building}'; inspect one first")
-    show_reviews(console, [read_reviewed_campaign(registered, one, lake=lake) for one in chosen], lines=lines)
+    reviewed = [read_reviewed_campaign(registered, one, lake=lake, as_of=version) for one in chosen]
+    show_reviews(console, reviewed, lines=lines)
 
 
 def training_set(
@@ -132,6 +139,7 @@ def training_set(
         typer.Option(help="BUILDING=train, val or test; default: by the hash of the building's id. Repeatable."),
     ] = None,
     terms: Annotated[str | None, typer.Option(help="Terms of use of the photographs, for the manifest.")] = None,
+    as_of: AsOf = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
@@ -140,6 +148,7 @@ def training_set(
     Each building is in one split only, so that no wall is used for both training and evaluation.
     """
     from cli.terminal.reviews import show_training_set
+    from facadelake.lake import resolve_version
     from facadelake.reviews.training import make_training_set
 
     registered = [read_portfolio_at(portfolio).get_building(one) for one in dict.fromkeys(buildings)]
@@ -152,6 +161,7 @@ def training_set(
         side_px=tile_px,
         splits=tuple(split or ()),
         terms=terms,
+        as_of=resolve_version(lake, as_of),
     )
     show_training_set(console, done, placed)
 
@@ -170,6 +180,7 @@ def compare_models(
     output: Annotated[
         Path | None, typer.Option(help="Folder to write to; default: one in the lake's 'comparisons'.")
     ] = None,
+    as_of: AsOf = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: ExistingLakePath = DEFAULT_LAKE,
@@ -182,6 +193,7 @@ def compare_models(
     from cli.terminal.reviews import show_comparison
     from facadelake.detection import find_default_model
     from facadelake.evaluation.model_comparison import compare_models as compare
+    from facadelake.lake import resolve_version
 
     done = compare(
         read_portfolio_at(portfolio),
@@ -191,6 +203,7 @@ def compare_models(
         lake=lake,
         sample=sample,
         folder=output,
+        as_of=resolve_version(lake, as_of),
     )
     if as_json:
         sys.stdout.write(done.comparison.model_dump_json(indent=2) + "\n")

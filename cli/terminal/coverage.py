@@ -49,7 +49,7 @@ def show_coverage(
         InputDataError: the building or campaign is unknown, or the campaign has no coverage.
     """
     require_known(lake, portfolio, building)
-    require_committed(lake, building, campaign)
+    require_committed(lake, building, campaign, as_of)
     known = read_table(lake, "campaigns", building_id=building, as_of=as_of).column("campaign_id").to_pylist()
     if not known:
         raise InputDataError(

@@ -62,6 +62,10 @@ def _shorten(lines: list[str], what: str) -> list[str]:
     )
 
 
-def get_default_folder(lake: Path, building: str, campaign: str) -> Path:
-    """The folder of pictures drawn without ``--output``, beside the lake's published files."""
-    return lake / "pictures" / building / campaign
+def get_default_folder(lake: Path, building: str, campaign: str, version: int | None) -> Path:
+    """The folder of pictures drawn without ``--output``, beside the lake's published files.
+
+    Pictures of an earlier version have one of their own, or they would pass for those of the newest.
+    """
+    newest = lake / "pictures" / building / campaign
+    return newest if version is None else newest / f"v{version:06d}"

@@ -23,12 +23,13 @@ if TYPE_CHECKING:
 WIDE_COLUMNS = 120  # a narrower terminal shows no coordinates; 'facadelake sql' and 'export' have them
 
 
-def show_campaigns(console: Console, portfolio: Portfolio, lake: Path, only: str | None) -> None:
-    """Print one line for each campaign that is registered or in the lake."""
+def show_campaigns(console: Console, portfolio: Portfolio, lake: Path, only: str | None, as_of: int | None) -> None:
+    """Print one line for each campaign that is registered or in the lake at version ``as_of`` (None: the newest)."""
     if only is not None:
         portfolio.get_building(only)
-    held = list_rows(answer_question(lake, "campaigns", {"building_id": only})) if has_lake(lake) else []
-    table = RichTable(title=f"Campaigns (lake {lake})", title_justify="left")
+    held = list_rows(answer_question(lake, "campaigns", {"building_id": only}, as_of=as_of)) if has_lake(lake) else []
+    at = "" if as_of is None else f" at version {as_of}"
+    table = RichTable(title=f"Campaigns (lake {lake}{at})", title_justify="left")
     for column in (
         "building",
         "campaign",
@@ -63,15 +64,15 @@ def require_known(lake: Path, portfolio: Path, building: str) -> None:
         read_portfolio(portfolio).get_building(building)
 
 
-def require_committed(lake: Path, building: str, campaign: str | None) -> None:
-    """Raise InputDataError for a campaign that the lake does not have, with those of the building that it has."""
+def require_committed(lake: Path, building: str, campaign: str | None, as_of: int | None) -> None:
+    """Raise InputDataError for a campaign that the lake, at version ``as_of``, does not have, with those that it has."""
     if campaign is None or not has_lake(lake):
         return
-    known = read_table(lake, "campaigns", building_id=building).column("campaign_id").to_pylist()
+    known = read_table(lake, "campaigns", building_id=building, as_of=as_of).column("campaign_id").to_pylist()
     if campaign not in known:
         raise InputDataError(
-            f"the lake {lake} has no campaign '{campaign}' of building '{building}'{suggest_name(campaign, known)}; "
-            f"it has {', '.join(known) or 'none'}"
+            f"the lake {lake} has{'' if as_of is None else f' at version {as_of}'} no campaign '{campaign}' of building "
+            f"'{building}'{suggest_name(campaign, known)}; it has {', '.join(known) or 'none'}"
         )
 
 
@@ -102,7 +103,7 @@ def show_defects(
     rows = list_rows(read_table(lake, "defects", building_id=building, campaign_id=campaign, as_of=as_of))
     if not rows:
         require_known(lake, portfolio, building)
-        require_committed(lake, building, campaign)
+        require_committed(lake, building, campaign, as_of)
         raise InputDataError(
             f"the lake {lake} has no defects of building '{building}'"
             + (f", campaign '{campaign}'" if campaign else "")

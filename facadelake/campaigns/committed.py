@@ -24,7 +24,7 @@ _ORIGIN_DISTANCE_MAX_M = 0.001
 
 
 def read_committed_tables(
-    building: Building, campaign_id: str, names: Sequence[str], *, lake: Path
+    building: Building, campaign_id: str, names: Sequence[str], *, lake: Path, as_of: int | None = None
 ) -> dict[str, pa.Table]:
     """The campaign's rows of table ``buildings`` and of the tables ``names``, all of one version.
 
@@ -33,6 +33,7 @@ def read_committed_tables(
         campaign_id: its campaign.
         names: tables to be read.
         lake: path of the lake.
+        as_of: an earlier version of the lake; None: the newest.
 
     Raises:
         StoreError: where there is no lake, or it does not contain the campaign.
@@ -40,10 +41,10 @@ def read_committed_tables(
     if not has_lake(lake):
         raise StoreError(f"there is no lake at {lake}; run 'facadelake inspect {building.id} {campaign_id}' first")
     with report_progress("Reading the lake"):
-        tables = read_tables(lake, ["buildings", *names], building_id=building.id, campaign_id=campaign_id)
+        tables = read_tables(lake, ["buildings", *names], building_id=building.id, campaign_id=campaign_id, as_of=as_of)
     if not len(tables["buildings"]):
         raise StoreError(
-            f"the lake {lake} does not contain {building.id} {campaign_id}; "
+            f"the lake {lake} does not contain {building.id} {campaign_id}{'' if as_of is None else f' at version {as_of}'}; "
             f"run 'facadelake inspect {building.id} {campaign_id}' first, or see 'facadelake campaigns'"
         )
     return tables

@@ -1,3 +1,4 @@
+from .as_of import resolve_version as resolve_version
 from .campaign_tables import BuildingRecord as BuildingRecord
 from .campaign_tables import RunRecord as RunRecord
 from .campaign_tables import build_campaign_tables as build_campaign_tables

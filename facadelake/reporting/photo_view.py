@@ -173,7 +173,14 @@ class PhotoView:
 
 
 def view_photograph(
-    building: Building, campaign_id: str, photo: str, *, lake: Path, output: Path | None, scale: float | None
+    building: Building,
+    campaign_id: str,
+    photo: str,
+    *,
+    lake: Path,
+    output: Path | None,
+    scale: float | None,
+    as_of: int | None = None,
 ) -> PhotoView:
     """Write the sheet of one photograph, and the images of ``render_view_images`` in a ``.npz`` file of the same name.
 
@@ -184,13 +191,14 @@ def view_photograph(
         lake: folder of the lake.
         output: picture to write; None: ``view_<photo>.png`` in the working directory.
         scale: size of a panel relative to the photograph; None: panels 1000 pixels wide.
+        as_of: an earlier version of the lake; None: the newest.
 
     Raises:
         InputDataError: the photograph is unknown or has no pose.
         StoreError: the lake does not contain the campaign.
     """
     campaign = resolve_campaign(building, campaign_id)
-    tables = read_committed_tables(building, campaign, ["poses"], lake=lake)
+    tables = read_committed_tables(building, campaign, ["poses"], lake=lake, as_of=as_of)
     photo_id = _match_photo_id([row["photo_id"] for row in tables["poses"].to_pylist()], photo, building.id, campaign)
     row = next(row for row in tables["poses"].to_pylist() if row["photo_id"] == photo_id)
     posed = read_posed_cameras(tables["poses"]).get(photo_id)

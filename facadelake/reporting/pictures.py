@@ -210,6 +210,7 @@ def draw_pictures(
     facades: tuple[str, ...] = (),
     photos: tuple[str, ...] = (),
     draw_all: bool = False,
+    as_of: int | None = None,
 ) -> DrawnPictures:
     """Draw pictures of a committed campaign; without names, those of the report.
 
@@ -224,12 +225,13 @@ def draw_pictures(
         facades: facades whose elevations are drawn, by name or compass point.
         photos: photographs whose overlays are drawn, by photo_id or file name.
         draw_all: draw all defects, facades and localised photographs; the names are ignored.
+        as_of: an earlier version of the lake; None: the newest.
 
     Raises:
         StoreError: the lake does not contain the campaign.
         InputDataError: a name is unknown, or the model in the portfolio is not the one of the campaign.
     """
-    inspection = _read_inspection(building, campaign_id, lake)
+    inspection = _read_inspection(building, campaign_id, lake, as_of)
     surface = Surface(inspection.building)
     settings = PictureSettings()
     if draw_all:
@@ -243,8 +245,8 @@ def draw_pictures(
     return draw_selection(inspection, surface, selection, folder, settings)
 
 
-def _read_inspection(building: Building, campaign_id: str, lake: Path) -> Inspection:
-    committed = read_committed_tables(building, campaign_id, _TABLES, lake=lake)
+def _read_inspection(building: Building, campaign_id: str, lake: Path, as_of: int | None) -> Inspection:
+    committed = read_committed_tables(building, campaign_id, _TABLES, lake=lake, as_of=as_of)
     tables = {name: committed[name].select(get_stage_schema(name).names) for name in _TABLES}
     return Inspection(
         building_name=building.name,

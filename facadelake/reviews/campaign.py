@@ -62,9 +62,14 @@ class ReviewImport:
     unmatched: tuple[Review, ...]
 
 
-def read_reviewed_campaign(building: Building, campaign_id: str, *, lake: Path) -> ReviewedCampaign:
-    """Read a campaign with its reviews from the lake. Raises StoreError where the lake does not hold the campaign."""
-    tables = read_committed_tables(building, campaign_id, _TABLES, lake=lake)
+def read_reviewed_campaign(
+    building: Building, campaign_id: str, *, lake: Path, as_of: int | None = None
+) -> ReviewedCampaign:
+    """Read a campaign with its reviews from the lake, at version ``as_of`` (None: the newest).
+
+    Raises StoreError where the lake does not hold the campaign.
+    """
+    tables = read_committed_tables(building, campaign_id, _TABLES, lake=lake, as_of=as_of)
     observations = tables["observations"].select(["detection_id", "defect_id"]).to_pylist()
     status = match_reviews(reviews_from_table(tables["reviews"]), select_accepted_detections(tables["detections"]))
     return ReviewedCampaign(
@@ -93,6 +98,7 @@ def export_task(
     photographs: Sequence[str],
     only_unreviewed: bool,
     score_min: float,
+    as_of: int | None = None,
 ) -> tuple[ReviewTask, tuple[Path, Path, Path]]:
     """Write a review task: the defects of a campaign for reviewers.
 
@@ -104,6 +110,7 @@ def export_task(
         photographs: photo_id of the photographs to review; empty: all accepted ones.
         only_unreviewed: Only photographs with a detection without a review.
         score_min: Leave out detections of a lower score (0 to 1).
+        as_of: An earlier version of the lake; None: the newest.
 
     Returns:
         The task and its files: COCO, CSV, list of photographs.
@@ -112,7 +119,7 @@ def export_task(
         InputDataError: A photograph is unknown, or no photograph is left to review.
         StoreError: The lake does not hold the campaign.
     """
-    campaign = read_reviewed_campaign(building, campaign_id, lake=lake)
+    campaign = read_reviewed_campaign(building, campaign_id, lake=lake, as_of=as_of)
     unknown = sorted(set(photographs) - campaign.sizes.keys())
     if unknown:
         raise InputDataError(

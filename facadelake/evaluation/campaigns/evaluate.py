@@ -28,7 +28,13 @@ from schemas.vocabulary import SurfaceKind
 
 
 def compare_campaign(
-    building: Building, campaign_id: str, *, lake: Path, truth: Path, detections: str | None
+    building: Building,
+    campaign_id: str,
+    *,
+    lake: Path,
+    truth: Path,
+    detections: str | None,
+    as_of: int | None = None,
 ) -> TruthComparison:
     """Compare a committed campaign with truth; the lake is not changed.
 
@@ -40,6 +46,7 @@ def compare_campaign(
         detections: Another COCO file of the campaign, which is registered and deduplicated in memory on the committed
             poses. The lake has no tie points, so that there masks and geometry alone exclude objects before the
             building. None: the committed detections.
+        as_of: An earlier version of the lake; None: the newest.
 
     Returns:
         The comparison, for ``compute_figures`` and ``write_plots``.
@@ -50,7 +57,7 @@ def compare_campaign(
         SchemaError: The tables do not fit the campaign's site origin.
     """
     names = ("photos", "poses", "georeference", "detections", "observations", "defects")
-    tables = read_committed_tables(building, campaign_id, names, lake=lake)
+    tables = read_committed_tables(building, campaign_id, names, lake=lake, as_of=as_of)
     building_row = tables["buildings"].to_pylist()[0]
     origin = SiteOrigin(
         lon_deg=building_row["origin_lon_deg"],

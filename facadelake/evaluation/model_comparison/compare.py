@@ -65,6 +65,7 @@ def compare_models(
     lake: Path,
     sample: int | None,
     folder: Path | None,
+    as_of: int | None = None,
 ) -> DetectorComparisonResult:
     """Run two models on photographs of committed campaigns and write a report with contact sheets.
 
@@ -78,6 +79,7 @@ def compare_models(
         lake: Folder of the lake.
         sample: Largest number of photographs of a campaign, those with a review first; None: all.
         folder: Folder of the report; None: the default one below the lake.
+        as_of: An earlier version of the lake; None: the newest.
 
     Raises:
         InputDataError: Both models are the same file, or a campaign is unknown.
@@ -92,7 +94,9 @@ def compare_models(
             "'facadelake evaluate-detector')"
         )
     report_folder = folder or locate_comparison(lake, models[0].sha256, models[1].sha256)
-    results = [_compare_on_campaign(building, campaign_id, models, lake, sample) for building, campaign_id in chosen]
+    results = [
+        _compare_on_campaign(building, campaign_id, models, lake, sample, as_of) for building, campaign_id in chosen
+    ]
     comparison = DetectorComparison(
         old=ComparedDetector(name=models[0].name, sha256=models[0].sha256),
         new=ComparedDetector(name=models[1].name, sha256=models[1].sha256),
@@ -123,9 +127,14 @@ class _CampaignResult:
 
 
 def _compare_on_campaign(
-    building: Building, campaign_id: str, models: Sequence[OnnxDetector], lake: Path, sample: int | None
+    building: Building,
+    campaign_id: str,
+    models: Sequence[OnnxDetector],
+    lake: Path,
+    sample: int | None,
+    as_of: int | None,
 ) -> _CampaignResult:
-    tables = read_committed_tables(building, campaign_id, _TABLES, lake=lake)
+    tables = read_committed_tables(building, campaign_id, _TABLES, lake=lake, as_of=as_of)
     root = building.locate_photographs(campaign_id)
     reviews = reviews_from_table(tables["reviews"])
     chosen, total = _select_photographs(tables["photos"], {review.photo_id for review in reviews}, sample)

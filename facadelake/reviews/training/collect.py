@@ -24,6 +24,7 @@ def make_training_set(
     side_px: int,
     splits: tuple[str, ...],
     terms: str | None,
+    as_of: int | None = None,
 ) -> tuple[TrainingSet, dict[str, Split]]:
     """Write the reviewed campaigns of ``buildings`` as a training set.
 
@@ -36,6 +37,7 @@ def make_training_set(
         side_px: Side of a tile.
         splits: ``BUILDING=SPLIT`` for buildings whose split is not to be that of their id's hash.
         terms: Terms of use of the photographs, for the manifest; None: a reminder to state them.
+        as_of: An earlier version of the lake; None: the newest.
 
     Returns:
         The set, and the split of each building.
@@ -53,13 +55,15 @@ def make_training_set(
         )
     split_by_building = {building.id: choose_split(building.id, chosen) for building in buildings}
     version_by_campaign = {
-        (row["building_id"], row["campaign_id"]): row["version"] for row in list_versions(lake).to_pylist()
+        (row["building_id"], row["campaign_id"]): row["version"]
+        for row in list_versions(lake).to_pylist()
+        if as_of is None or row["version"] <= as_of
     }
     sources = []
     for building in buildings:
-        reviews = read_table(lake, "reviews", building_id=building.id)
+        reviews = read_table(lake, "reviews", building_id=building.id, as_of=as_of)
         for campaign_id in sorted(set(reviews.column("campaign_id").to_pylist())):
-            campaign = read_reviewed_campaign(building, campaign_id, lake=lake)
+            campaign = read_reviewed_campaign(building, campaign_id, lake=lake, as_of=as_of)
             rows = campaign.tables["detections"].select(["detector", "detector_sha256"]).to_pylist()
             sources.append(
                 TrainingSource(
