@@ -65,14 +65,14 @@ def require_known(lake: Path, portfolio: Path, building: str) -> None:
 
 
 def require_committed(lake: Path, building: str, campaign: str | None, as_of: int | None) -> None:
-    """Raise InputDataError for a campaign that the lake, at version ``as_of``, does not have, with those that it has."""
+    """Raise InputDataError for a campaign that the lake at version ``as_of`` does not have, with those that it has."""
     if campaign is None or not has_lake(lake):
         return
     known = read_table(lake, "campaigns", building_id=building, as_of=as_of).column("campaign_id").to_pylist()
     if campaign not in known:
+        at = "" if as_of is None else f" at version {as_of}"
         raise InputDataError(
-            f"the lake {lake} has{'' if as_of is None else f' at version {as_of}'} no campaign '{campaign}' of building "
-            f"'{building}'{suggest_name(campaign, known)}; it has {', '.join(known) or 'none'}"
+            f"the lake {lake} has{at} no campaign '{campaign}' of building '{building}'{suggest_name(campaign, known)}; it has {', '.join(known) or 'none'}"
         )
 
 

@@ -43,8 +43,9 @@ def read_committed_tables(
     with report_progress("Reading the lake"):
         tables = read_tables(lake, ["buildings", *names], building_id=building.id, campaign_id=campaign_id, as_of=as_of)
     if not len(tables["buildings"]):
+        at = "" if as_of is None else f" at version {as_of}"
         raise StoreError(
-            f"the lake {lake} does not contain {building.id} {campaign_id}{'' if as_of is None else f' at version {as_of}'}; "
+            f"the lake {lake} does not contain {building.id} {campaign_id}{at}; "
             f"run 'facadelake inspect {building.id} {campaign_id}' first, or see 'facadelake campaigns'"
         )
     return tables

@@ -81,7 +81,7 @@ def test_a_number_is_that_version(lake: tuple[Path, int, int]) -> None:
 def test_a_clock_that_was_wrong_is_told(tmp_path: Path) -> None:
     first, second = (commit(tmp_path, campaign_id=name, defects=1).version for name in ("2026-04", "2026-10"))
     set_times(tmp_path, {first: DAY + timedelta(days=1), second: DAY})
-    with pytest.raises(InputDataError, match="cannot be said: version .* so a clock was wrong; give the version by"):
+    with pytest.raises(InputDataError, match=r"cannot be said: version .* so a clock was wrong; give the version by"):
         resolve_version(tmp_path, "2026-05-04")
     assert resolve_version(tmp_path, "2026-05-05") == second
 
