@@ -72,7 +72,8 @@ def require_committed(lake: Path, building: str, campaign: str | None, as_of: in
     if campaign not in known:
         at = "" if as_of is None else f" at version {as_of}"
         raise InputDataError(
-            f"the lake {lake} has{at} no campaign '{campaign}' of building '{building}'{suggest_name(campaign, known)}; it has {', '.join(known) or 'none'}"
+            f"the lake {lake} has{at} no campaign '{campaign}' of building '{building}'{suggest_name(campaign, known)}; "
+            f"it has {', '.join(known) or 'none'}"
         )
 
 
