@@ -50,7 +50,7 @@ def _find_version_at(lake: Path, time: datetime, text: str) -> int:
         first = min(committed, default=None)
         held = "it has none" if first is None else f"its first is {first}, of {committed[first]:%Y-%m-%d %H:%M:%S} UTC"
         raise InputDataError(f"the lake {lake} had no version at {text} ({time:%Y-%m-%d %H:%M:%S} UTC); {held}")
-    found = max(until)
+    found: int = max(until)
     later = [version for version in committed if version < found and committed[version] > time]
     if later:
         raise InputDataError(
