@@ -71,8 +71,9 @@ def require_committed(lake: Path, building: str, campaign: str | None, as_of: in
     known = read_table(lake, "campaigns", building_id=building, as_of=as_of).column("campaign_id").to_pylist()
     if campaign not in known:
         at = "" if as_of is None else f" at version {as_of}"
+        like = suggest_name(campaign, known)
         raise InputDataError(
-            f"the lake {lake} has{at} no campaign '{campaign}' of building '{building}'{suggest_name(campaign, known)}; "
+            f"the lake {lake} has{at} no campaign '{campaign}' of building '{building}'{like}; "
             f"it has {', '.join(known) or 'none'}"
         )
 
