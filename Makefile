@@ -33,7 +33,7 @@ $(STAMP): pyproject.toml uv.lock scripts/bootstrap.py scripts/uv-requirements.tx
 	@.tools/bin/uv sync --locked
 	@touch $@
 
-demo: setup  ## generate the demo building, inspect its two campaigns and show the defects
+demo: setup  ## generate the demo building, inspect its four campaigns and show the defects
 	@$(BIN)/facadelake demo
 
 test: setup  ## run all tests; choose with PYTEST_ARGS="tests/unit -k geodesy"

@@ -28,7 +28,8 @@ from skimage.morphology import medial_axis
 
 from benchmarks.drawn_cracks import ImageDegradation, draw_crack
 from facadelake.deduplication.crack_width import estimate_crack_widths, estimate_unknown_blur
-from facadelake.demo.recipe import DemoDefect, load_recipe
+from facadelake.demo.defect_recipe import DemoDefect
+from facadelake.demo.recipe import load_recipe
 from facadelake.demo.textures.defects import sample_crack_lines, seed_defect
 from facadelake.evaluation.campaigns import compare_campaign
 from facadelake.lake import read_table
@@ -242,7 +243,7 @@ def compare_in_lake(lake: Path, portfolio: Path) -> str:
 
 def compute_drawn_width_m(defect: DemoDefect) -> float:
     """Mean width of a crack's trunk as drawn, without its soft rim, metres."""
-    trunk, widths_m = sample_crack_lines(seed_defect(defect), defect.width_m, defect.height_m)[0]
+    trunk, widths_m = sample_crack_lines(seed_defect(defect.id), defect.width_m, defect.height_m)[0]
     return float(np.average(widths_m, weights=np.linalg.norm(np.diff(trunk, axis=0), axis=1)))
 
 

@@ -2,7 +2,7 @@
 
     .venv/bin/python -m benchmarks.frames demo castle [--work FOLDER]
 
-The campaigns are the two of the demo (half a year apart, other light, other defects), and the castle's photographs
+The campaigns are two of the demo (half a year apart, other light, other defects), and the castle's photographs
 divided into those of even and odd number. The earlier campaign is placed by truth, so that only the step between the
 frames is measured; then the later one is matched. *Camera error*: the later cameras against truth, after the similarity
 alone. *Step between frames*: check points triangulated from the box centres of each campaign, later minus earlier, less

@@ -156,7 +156,7 @@ def measure_castle(report: RegistrationReport, work: Path) -> None:
 
 
 def measure_demo(report: RegistrationReport, work: Path) -> None:
-    """Inspect both campaigns of the demo with control points, and the first with its model as control."""
+    """Inspect two campaigns of the demo with control points, and 2026-04 with its model as control."""
     if not DEMO.is_dir():
         run_facadelake("demo", "--lake", str(work / "demo"))
     for campaign, control in (("2026-04", "gcp"), ("2026-10", "gcp"), ("2026-04", "model")):

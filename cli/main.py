@@ -35,7 +35,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
     help="Photographs of a building in, versioned tables of its facade defects out.\n\n"
-    "Begin with [bold]facadelake demo[/bold], which makes a building, two campaigns of photographs, and inspects both. "
+    "Begin with [bold]facadelake demo[/bold], which makes a building with four campaigns and inspects them. "
     "Then list defects with [bold]facadelake defects demo[/bold] or query with [bold]facadelake sql[/bold].",
 )
 
@@ -129,7 +129,7 @@ def demo(
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: LakePath = DEFAULT_LAKE,
 ) -> None:
-    """Generate the demo building with two campaigns of photographs, inspect both, and list the results."""
+    """Generate the demo building with four campaigns of photographs, inspect them in order, and list the results."""
     from cli.terminal.inspection import show_inspection, show_next_steps
     from cli.terminal.run import make_demo_in_terminal
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import logging
 import os
@@ -27,6 +26,7 @@ from facadelake.core.progress import report_progress
 from facadelake.demo.building.ifc_writer import write_ifc
 from facadelake.demo.building.placement import DemoPlacement, place_model
 from facadelake.demo.building.solids import read_ifc_solids
+from facadelake.demo.history import ImagedDefect, write_history
 from facadelake.demo.photographs.annotations import (
     FALSE_SHARE,
     make_exact_boxes,
@@ -130,8 +130,11 @@ def _write_demo(recipe: DemoRecipe, out: Path) -> None:
     write_ifc(recipe, placement, out / "demo.ifc")
     world = make_world(recipe, placement.compute_affine(), read_ifc_solids(out / "demo.ifc"))
     model_rays = RayScene([world.transform_to_site(s.triangles) for s in world.ifc])
-    hosts = {d.id: find_host_element(world, sample_defect(world, d, "present"), model_rays) for d in recipe.defects}
-    photographs = sum(c.flight.orbit_count + sum(r.count for r in c.flight.close) for c in recipe.campaigns)
+    hosts = {
+        d.id: find_host_element(world, sample_defect(world, d.describe_place()), model_rays) for d in recipe.defects
+    }
+    histories: dict[str, list[ImagedDefect]] = {d.id: [] for d in recipe.defects}
+    photographs = sum(c.flight.count_photographs() for c in recipe.campaigns)
     total = photographs + len(recipe.campaigns) * 4
     with report_progress("Demo building: model, light and photographs", total) as step:
         for index, campaign in enumerate(recipe.campaigns):
@@ -141,9 +144,9 @@ def _write_demo(recipe: DemoRecipe, out: Path) -> None:
             step.advance(4)
             for _ in _render_campaign(recipe, campaign, placement, exposures, scene, folder / "images"):
                 step.advance()
-            _write_truth(world, campaign, index, placement, exposures, scene.rays, hosts, folder)
+            _write_truth(world, campaign, index, placement, exposures, scene.rays, hosts, histories, folder)
             logger.info("campaign %s: %d photographs", campaign.id, len(exposures))
-    _write_state_history(recipe, out)
+    write_history(recipe, out)
 
 
 def _render_campaign(
@@ -219,41 +222,34 @@ def _write_truth(
     exposures: list[DemoExposure],
     rays: RayScene,
     hosts: dict[str, HostElement],
+    histories: dict[str, list[ImagedDefect]],
     folder: Path,
 ) -> None:
-    """Annotations, control points and truth of one campaign."""
+    """Annotations, control points and truth of one campaign, which is appended to ``histories``."""
     recipe = world.recipe
     rng = np.random.default_rng([recipe.seed, campaign.seed, 7])
-    visible = {"present", "new", "grown"}
-    grids = [sample_defect(world, d, d.states[index]) for d in recipe.defects if d.states[index] in visible]
-    off_target_grids = [
-        sample_defect(world, d, d.states[index]) for d in recipe.off_target_defects if d.states[index] in visible
-    ]
+    days, off_target_days = (
+        [d.describe_day(index) for d in defects] for defects in (recipe.defects, recipe.off_target_defects)
+    )
+    grids, off_target_grids = (
+        [sample_defect(world, d) for d in defects if d.exists] for defects in (days, off_target_days)
+    )
     projected = project_defects([*grids, *off_target_grids], exposures, rays)
     exact = make_exact_boxes(projected, {d.id for d in recipe.defects}, rng)
     false = make_false_boxes(round(FALSE_SHARE * len(exact)), exposures, rays, set(range(len(world.ifc))), rng)
     noisy = make_noisy_boxes(exact, false, exposures, rng)
     write_coco(folder / "detections.coco.json", exact, exposures)
     write_coco(folder / "detections_noisy.coco.json", noisy, exposures)
-    write_control_points(folder / "gcp_list.txt", world, exposures, rays, placement, rng)
+    if campaign.has_control_points:
+        write_control_points(folder / "gcp_list.txt", world, exposures, rays, placement, rng)
     truth = folder / "truth"
+    seen = Counter(s.grid.defect.id for s in projected)
     write_cameras(truth / "cameras.csv", exposures, placement)
-    write_checkpoints(truth / "checkpoints.csv", grids, hosts, Counter(s.grid.defect.id for s in projected), placement)
+    write_checkpoints(truth / "checkpoints.csv", grids, hosts, seen, placement)
     write_detections(truth / "detections.csv", {"detections.coco.json": exact, "detections_noisy.coco.json": noisy})
-    place_grids = [sample_defect(world, d, "present") for d in recipe.defects]
+    place_grids = [sample_defect(world, d.describe_place()) for d in recipe.defects]
     imaged = Counter(s.grid.defect.id for s in project_defects(place_grids, exposures, rays))
-    write_defects(truth / "defects.csv", world, index, hosts, imaged, placement)
-
-
-def _write_state_history(recipe: DemoRecipe, out: Path) -> None:
-    """``truth/defects.csv``: one row a defect, one column a campaign, from the truth of each campaign."""
-    states: dict[str, list[str]] = {d.id: [d.kind] for d in recipe.defects}
-    for campaign in recipe.campaigns:
-        with (out / "campaigns" / campaign.id / "truth" / "defects.csv").open(newline="") as stream:
-            for row in csv.DictReader(stream):
-                states[row["id"]].append(row["state"])
-    (out / "truth").mkdir()
-    with (out / "truth" / "defects.csv").open("w", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(["id", "class", *(f"state_{c.id}" for c in recipe.campaigns)])
-        writer.writerows([i, *row] for i, row in states.items())
+    for day in days:
+        photographs = seen[day.id] if day.exists else imaged[day.id]
+        histories[day.id].append(ImagedDefect(day=day, photographs=photographs))
+    write_defects(truth / "defects.csv", world, histories, hosts, imaged, placement)

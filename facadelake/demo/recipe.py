@@ -6,19 +6,12 @@ from pathlib import Path
 from typing import Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from facadelake.core.errors import InputDataError
+from facadelake.demo.defect_recipe import DemoDefect, RecipePart
 
-DefectClass = Literal["crack", "spalling", "moisture"]
-DefectState = Literal["absent", "present", "new", "grown", "repaired"]
 Vector3 = tuple[float, float, float]
-
-
-class RecipePart(BaseModel):
-    """A part of the recipe: unknown keys are errors, values do not change after reading."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class DemoPlace(RecipePart):
@@ -89,20 +82,6 @@ class DemoBuilding(RecipePart):
         return self.storeys[-1].floor_m
 
 
-class DemoDefect(RecipePart):
-    """A defect of the building, the neighbour or the ground: centre and size in the plane of its surface, metres."""
-
-    id: str
-    kind: DefectClass
-    surface: str
-    u_m: float
-    v_m: float
-    width_m: float = Field(ge=0.05, le=1.5)
-    height_m: float = Field(ge=0.05, le=1.5)
-    states: list[DefectState]
-    growth: float = 1.35
-
-
 class DemoControlPoint(RecipePart):
     """A control point painted on a surface, surveyed to a few millimetres."""
 
@@ -113,12 +92,15 @@ class DemoControlPoint(RecipePart):
 
 
 class BoxVolume(RecipePart):
-    """An upright box outside the model (a neighbour, a container), metres in the model's frame."""
+    """An upright box outside the model (a neighbour, a container), metres in the model's frame.
+
+    A scaffold's box is its sheeted part; one lift without sheeting stands on it.
+    """
 
     name: str
     origin_m: Vector3
     size_m: Vector3
-    look: Literal["brick", "plaster", "container"]
+    look: Literal["brick", "plaster", "container", "scaffold"]
 
 
 class Tree(RecipePart):
@@ -159,9 +141,14 @@ class CloseRangeRow(RecipePart):
 
 
 class DemoFlight(RecipePart):
-    """The orbit, the close-range rows, and the errors of the aircraft's position and attitude."""
+    """The orbit, the close-range rows, and the errors of the aircraft's position and attitude.
+
+    The orbit has ``orbit_count`` stations, anticlockwise from the south-west corner. Photographs are taken at the first
+    ``orbit_share`` of them: a smaller share leaves a gap, and what only the others see is not photographed.
+    """
 
     orbit_count: int
+    orbit_share: float = Field(default=1.0, gt=0, le=1)
     orbit_distance_m: float
     orbit_heights_m: list[float]
     close: list[CloseRangeRow]
@@ -171,6 +158,14 @@ class DemoFlight(RecipePart):
     gps_noise_m: Vector3
     attitude_bias_deg: Vector3
     attitude_noise_deg: float
+
+    def count_orbit_photographs(self) -> int:
+        """Photographs taken on the orbit."""
+        return round(self.orbit_share * self.orbit_count)
+
+    def count_photographs(self) -> int:
+        """Photographs of the orbit and of all close-range rows."""
+        return self.count_orbit_photographs() + sum(row.count for row in self.close)
 
 
 class Daylight(RecipePart):
@@ -182,17 +177,27 @@ class Daylight(RecipePart):
     sky: Vector3
     exposure: float
     noise: float
+    overcast: float = Field(default=0.0, ge=0, le=1)
+
+
+class Season(RecipePart):
+    """Colours of leaves (0 to 1; none: bare trees) and of the lawn (0 to 255)."""
+
+    leaves: Vector3 | None = (0.30, 0.42, 0.16)
+    lawn: Vector3 = (88.0, 104.0, 62.0)
 
 
 class CampaignRecipe(RecipePart):
-    """One campaign: its flight, light and temporary obstacles."""
+    """One campaign: its flight, light, season and temporary obstacles, and whether control points were surveyed."""
 
     id: str
     starts: str
     seed: int
     flight: DemoFlight
     light: Daylight
-    obstacles: list[BoxVolume] = []
+    season: Season = Season()
+    obstacles: list[BoxVolume] = Field(default_factory=list)
+    has_control_points: bool = True
 
 
 class DemoRecipe(RecipePart):

@@ -5,7 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from facadelake.core.arrays import UInt8Array
-from facadelake.demo.building.solids import Solid, make_box_solid, make_ground_solid, make_roof_solid, make_tree_solids
+from facadelake.core.parallel import map_blocks
+from facadelake.demo.building.solids import (
+    Solid,
+    make_bare_tree_solids,
+    make_box_solid,
+    make_ground_solid,
+    make_roof_solid,
+    make_scaffold_solids,
+    make_tree_solids,
+)
 from facadelake.demo.recipe import CampaignRecipe
 from facadelake.demo.textures.bake import bake_chart, make_lit_part
 from facadelake.demo.textures.lighting import RayScene
@@ -30,8 +39,10 @@ def make_surrounding_solids(world: DemoWorld, campaign: CampaignRecipe) -> list[
     recipe = world.recipe
     boxes = [*recipe.neighbours, *campaign.obstacles]
     solids = [make_box_solid(box) for box in boxes] + [make_roof_solid(box) for box in boxes if has_roof(box)]
+    solids += [solid for box in boxes if box.look == "scaffold" for solid in make_scaffold_solids(box)]
+    make_tree = make_tree_solids if campaign.season.leaves else make_bare_tree_solids
     for i, tree in enumerate(recipe.trees):
-        solids += make_tree_solids(tree, seed_generator(recipe, f"tree {i}"))
+        solids += make_tree(tree, seed_generator(recipe, f"tree {i}"))
     b = recipe.building
     return [*solids, make_ground_solid(GROUND_HALF_M, (b.length_m / 2, b.depth_m / 2), -0.02)]
 
@@ -42,14 +53,13 @@ def build_scene(world: DemoWorld, campaign: CampaignRecipe, index: int) -> Rende
     rays = RayScene([world.transform_to_site(s.triangles) for s in solids])
     boxes = {box.name: box for box in (*world.recipe.neighbours, *campaign.obstacles)}
     parts, uncharted = split_by_chart(world, solids, boxes)
-    textures = {
-        name: bake_chart(world, rays, campaign, index, world.charts[name], boxes)
-        for name in sorted({p.texture for p in parts})
-    }
+    names = sorted({p.texture for p in parts})
+    baked = map_blocks(lambda name: bake_chart(world, rays, campaign, index, world.charts[name], boxes), names)
+    textures = dict(zip(names, baked, strict=True))
     parts += [
-        make_lit_part(world, rays, campaign.light, solid, triangles) for solid, triangles in uncharted if len(triangles)
+        make_lit_part(world, rays, campaign, solid, triangles) for solid, triangles in uncharted if len(triangles)
     ]
     textures[DETAIL] = paint_concrete(DETAIL_TEXTURE_PX, seed_generator(world.recipe, DETAIL))
-    textures["sky"] = paint_sky(seed_generator(world.recipe, f"sky {campaign.id}"))
-    parts += [make_sky_dome(), make_far_ground(campaign.light)]
+    textures["sky"] = paint_sky(seed_generator(world.recipe, f"sky {campaign.id}"), campaign.light.overcast)
+    parts += [make_sky_dome(), make_far_ground(campaign)]
     return RenderScene(parts=parts, textures=textures, rays=rays)

@@ -13,11 +13,11 @@ from facadelake.core.arrays import Float64Array
 from facadelake.core.errors import ModelError
 from facadelake.demo.building.placement import DemoPlacement
 from facadelake.demo.building.solids import Solid
+from facadelake.demo.history import ImagedDefect, derive_track_state
 from facadelake.demo.photographs.annotations import BoxAnnotation
 from facadelake.demo.photographs.flight import DemoExposure
 from facadelake.demo.photographs.visibility import DefectGrid, project_defect, sample_defect
-from facadelake.demo.recipe import DefectState
-from facadelake.demo.textures.defects import compute_size, make_target
+from facadelake.demo.textures.defects import make_target
 from facadelake.demo.textures.lighting import RayScene
 from facadelake.demo.world import DemoWorld
 
@@ -97,9 +97,8 @@ def write_checkpoints(
     for grid in grids:
         d, host = grid.defect, hosts[grid.defect.id]
         if seen.get(d.id):
-            width, height = compute_size(d, grid.state)
             place = [*(f"{x:.5f}" for x in grid.centre), *_format_geo(placement, grid.centre)]
-            size, element = [round(width, 4), round(height, 4)], host.solid
+            size, element = [round(d.width_m, 4), round(d.height_m, 4)], host.solid
             quality = [seen[d.id], 0.0, round(host.distance_m, 5)]
             rows.append([d.id, d.kind, *place, *size, *quality, element.guid, element.name, element.storey])
     _write_csv(path, header, rows)
@@ -111,7 +110,7 @@ def write_detections(path: Path, files: dict[str, Sequence[BoxAnnotation]]) -> N
     _write_csv(path, "file,annotation_id,checkpoint_id", sorted(rows, key=lambda r: (r[1], r[0])))
 
 
-def observe_state(state: DefectState, photographs: int) -> str:
+def observe_state(state: str, photographs: int) -> str:
     """The state that photographs can show: "not_photographed" for a place without photographs, else the true one."""
     return "not_photographed" if photographs == 0 else state
 
@@ -119,35 +118,39 @@ def observe_state(state: DefectState, photographs: int) -> str:
 def write_defects(
     path: Path,
     world: DemoWorld,
-    index: int,
+    histories: dict[str, list[ImagedDefect]],
     hosts: dict[str, HostElement],
     imaged: dict[str, int],
     placement: DemoPlacement,
 ) -> None:
-    """``defects.csv``: state, size and position of every defect of the recipe on the day of a campaign.
+    """``defects.csv``: state, class, size and position of every defect of the recipe on the day of a campaign.
+
+    ``true_state`` is the recipe's, ``state`` what photographs can show of it, and ``track_state`` what the campaigns
+    until that day say together (``facadelake.demo.history`` has the rule). ``class``, ``width_m`` and ``height_m`` are
+    those of that day; a defect that is not there has no size.
 
     Args:
         path: the file to write.
         world: the recipe and its surfaces.
-        index: number of the campaign.
+        histories: the defects of the recipe on the days of this and of earlier campaigns, by id.
         hosts: element of each defect, by its id.
         imaged: number of photographs of each defect's place, whether or not the defect is present, by its id.
         placement: georeference of the model.
     """
     header = (
         "id,class,state,true_state,width_m,height_m,surface,u_m,v_m,x_site_m,y_site_m,z_site_m,lon_deg,lat_deg,"
-        "height_ellipsoidal_m,photographs_of_place,element_guid,element_name,storey"
+        "height_ellipsoidal_m,photographs_of_place,element_guid,element_name,storey,track_state"
     )
     rows = []
-    for d in world.recipe.defects:
-        state, solid = d.states[index], hosts[d.id].solid
-        absent = state in ("absent", "repaired")
-        width, height = (0.0, 0.0) if absent else compute_size(d, state)
-        centre = sample_defect(world, d, state).centre
-        photographs = imaged.get(d.id, 0)
-        states = [observe_state(state, photographs), state, round(width, 4), round(height, 4)]
+    for name, history in histories.items():
+        d, solid = history[-1].day, hosts[name].solid
+        size = [round(d.width_m, 4), round(d.height_m, 4)] if d.exists else [0.0, 0.0]
+        centre = sample_defect(world, d).centre
+        photographs = imaged.get(name, 0)
+        states = [observe_state(d.state, photographs), d.state]
         place = [d.surface, d.u_m, d.v_m, *(f"{x:.5f}" for x in centre), *_format_geo(placement, centre)]
-        rows.append([d.id, d.kind, *states, *place, photographs, solid.guid, solid.name, solid.storey])
+        element = [photographs, solid.guid, solid.name, solid.storey]
+        rows.append([d.id, d.kind, *states, *size, *place, *element, derive_track_state(history)])
     _write_csv(path, header, rows)
 
 
@@ -171,7 +174,7 @@ def write_control_points(
     """
     lines = [placement.crs]
     for point in world.recipe.control_points:
-        grid = sample_defect(world, make_target(point), "present")
+        grid = sample_defect(world, make_target(point))
         surveyed = placement.origin.map_from_site(grid.xyz_site[:1], placement.crs)[0] + rng.normal(
             scale=SURVEY_SIGMA_M, size=3
         )

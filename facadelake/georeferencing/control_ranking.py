@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from facadelake.core.arrays import UInt8Array
 from facadelake.georeferencing.available_control import Control
 from facadelake.georeferencing.campaign.reference import ReferencePoints
 from facadelake.georeferencing.gcp.placement import MIN_CONTROL_POINTS, intersect_marks
@@ -37,6 +40,17 @@ def rank_controls(reconstruction: Reconstruction, control: Control) -> tuple[lis
     if control.model is not None:
         kinds = [*kinds, ControlKind.MODEL]
     return [*kinds, ControlKind.GPS], remarks
+
+
+def order_references(
+    references: Sequence[tuple[ReferencePoints, UInt8Array]],
+) -> list[tuple[ReferencePoints, UInt8Array]]:
+    """Earlier campaigns in the order in which they are tried: those placed to centimetres first, else as given.
+
+    Otherwise a first campaign that the model placed to decimetres would pass its frame on to all later ones, beside a
+    later campaign with control points.
+    """
+    return sorted(references, key=lambda one: _compute_frame_sigma(one[0]) > _MAX_PREFERRED_FRAME_SIGMA_M)
 
 
 def _compute_frame_sigma(reference: ReferencePoints) -> float:

@@ -14,6 +14,7 @@ from facadelake.georeferencing.adjustment.adjusted_block import AdjustedBlock
 from facadelake.georeferencing.adjustment.control_observations import MarkedPoints, SharedTiePoints, SurfaceConstraint
 from facadelake.georeferencing.available_control import Control
 from facadelake.georeferencing.campaign.matching import ReferenceMatch, match_reference
+from facadelake.georeferencing.control_ranking import order_references
 from facadelake.georeferencing.datum_shift import DatumShift, find_datum_shift
 from facadelake.georeferencing.gcp.control_points import SurveyedPoints, add_vertical_datum, transform_to_site
 from facadelake.georeferencing.gcp.placement import intersect_marks, place_by_control_points
@@ -172,7 +173,7 @@ def _build_from_campaign(
             "building with a reference; inspect the earlier campaign first"
         )
     problems: list[str] = []
-    for reference, descriptors in control.references:
+    for reference, descriptors in order_references(control.references):
         try:
             match = match_reference(reconstruction, descriptors, reference, origin=site_frame.origin)
         except GeoreferenceError as error:

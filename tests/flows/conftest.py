@@ -10,7 +10,7 @@ import yaml
 
 from facadelake.demo.generate import generate_demo
 from facadelake.demo.recipe import load_recipe
-from tests.synthetic.demo_recipe import scale_photographs
+from tests.synthetic.demo_recipe import scale_photographs, select_campaigns
 
 RECIPE = Path(__file__).parents[2] / "data" / "demo" / "recipe.yaml"
 CAMPAIGN = "2026-04"
@@ -29,12 +29,11 @@ class SmallPortfolio:
 @pytest.fixture(scope="session")
 def small(tmp_path_factory: pytest.TempPathFactory) -> SmallPortfolio:
     """The demo building at half its resolution, photographed from the orbit alone."""
-    recipe = scale_photographs(load_recipe(RECIPE), width_px=800)
+    recipe = scale_photographs(select_campaigns(load_recipe(RECIPE), CAMPAIGN), width_px=800)
     first = recipe.campaigns[0]
     flight = first.flight.model_copy(update={"close": []})
     campaign = first.model_copy(update={"id": CAMPAIGN, "flight": flight})
-    defects = [d.model_copy(update={"states": d.states[:1]}) for d in recipe.defects]
-    recipe = recipe.model_copy(update={"campaigns": [campaign], "defects": defects, "texel_m": 0.012})
+    recipe = recipe.model_copy(update={"campaigns": [campaign], "texel_m": 0.012})
     root = tmp_path_factory.mktemp("small")
     files = generate_demo(recipe, root / "building")
     folder = files.campaigns[0].folder

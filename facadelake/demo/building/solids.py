@@ -18,6 +18,7 @@ from facadelake.demo.recipe import BoxVolume, Tree
 
 # Chord error of the triangles of the round corner; with a radius of metres this is a few degrees per facet.
 DEFLECTION_M = 0.0005
+SCAFFOLD_LIFT_M, SCAFFOLD_BAY_M, SCAFFOLD_TUBE_M = 2.0, 1.6, 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,6 +100,53 @@ def make_tree_solids(tree: Tree, rng: np.random.Generator) -> list[Solid]:
     leaf_centres = centre + clumps[rng.integers(0, 28, 5200)] + spread
     leaves = leaf_centres[:, None, :] + rng.normal(scale=0.075, size=(5200, 3, 3))
     return [_make_solid("trunk", np.asarray(trunk.triangles)), _make_solid("crown", leaves)]
+
+
+def make_bare_tree_solids(tree: Tree, rng: np.random.Generator) -> list[Solid]:
+    """The trunk of a tree without leaves, and its branches with twigs, where the crown would be."""
+    trunk, crown = make_tree_solids(tree, rng)
+    foot = np.array(tree.foot_m)
+    ends = crown.triangles.mean(axis=1)[::9]
+    start = foot + np.outer(rng.uniform(0.35, 0.55, len(ends)), [0.0, 0.0, tree.height_m])
+    # Twigs leave a bough on its way from the trunk to the crown, so that they bundle towards the trunk.
+    bough = np.array([0.0, 0.0, 1.0]) * tree.crown_m
+    middle = start + 0.45 * (ends - start) + 0.12 * bough
+    across = rng.normal(size=(len(ends), 3))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    lower = np.stack([start - 0.022 * across, start + 0.022 * across, middle], axis=1)
+    upper = np.stack([middle - 0.011 * across, middle + 0.011 * across, ends], axis=1)
+    return [trunk, _make_solid("branches", np.concatenate([lower, upper]))]
+
+
+def make_scaffold_solids(box: BoxVolume) -> list[Solid]:
+    """Frame and decks of a scaffold whose sheeted part is ``box``: standards, and one lift without sheeting on top."""
+    low, size = np.array(box.origin_m), np.array(box.size_m)
+    high = low + size
+    top = high[2] + SCAFFOLD_LIFT_M
+    half = SCAFFOLD_TUBE_M / 2
+    inset = low[:2] + half, high[:2] - half
+    along = int(np.argmax(size[:2]))
+    bays = max(1, round(size[along] / SCAFFOLD_BAY_M))
+    tubes = []
+    for place in np.linspace(inset[0][along], inset[1][along], bays + 1):
+        for side in (inset[0][1 - along], inset[1][1 - along]):
+            foot = np.array([place, side] if along == 0 else [side, place])
+            tubes.append(_make_bar(np.array([*foot, 0.0]), np.array([*foot, top + 0.3]), half))
+    for z in (high[2] + 0.5, high[2] + 1.0, top, top + 0.25):
+        for side in (inset[0][1 - along], inset[1][1 - along]):
+            ends = [np.array([place, side] if along == 0 else [side, place]) for place in (low[along], high[along])]
+            tubes.append(_make_bar(np.array([*ends[0], z]), np.array([*ends[1], z]), half))
+    deck = trimesh.creation.box(bounds=np.array([[*low[:2], top - 0.05], [*high[:2], top]]))
+    return [
+        _make_solid(f"{box.name} frame", np.concatenate(tubes)),
+        _make_solid(f"{box.name} deck", np.asarray(deck.triangles)),
+    ]
+
+
+def _make_bar(start: Float64Array, end: Float64Array, half_m: float) -> Float64Array:
+    """Triangles (12, 3, 3) of a bar along an axis, with a square section of twice ``half_m``."""
+    bar = trimesh.creation.box(bounds=np.array([np.minimum(start, end) - half_m, np.maximum(start, end) + half_m]))
+    return np.asarray(bar.triangles, dtype=np.float64)
 
 
 def make_ground_solid(half_m: float, centre: tuple[float, float], level_m: float) -> Solid:

@@ -11,7 +11,7 @@ import numpy as np
 from facadelake.core.arrays import Float64Nx3, Float64x2, Float64x3, Float64x3x3
 from facadelake.core.camera import Camera, PosedCamera
 from facadelake.core.frames import Similarity
-from facadelake.demo.recipe import CampaignRecipe, DemoBuilding, Optics
+from facadelake.demo.recipe import CampaignRecipe, DemoBuilding, DemoFlight, Optics
 from facadelake.demo.world import DemoWorld
 
 EXPOSURE_INTERVAL_S = 4
@@ -66,14 +66,13 @@ def _locate_on_orbit(b: DemoBuilding, distance: float, along_m: float) -> tuple[
     raise AssertionError("every length within the orbit is on one of its sections")
 
 
-def _plan_orbit(
-    b: DemoBuilding, count: int, distance: float, heights: list[float]
-) -> list[tuple[Float64x3, Float64x3]]:
+def _plan_orbit(b: DemoBuilding, flight: DemoFlight) -> list[tuple[Float64x3, Float64x3]]:
     """Positions and aims (model frame) around the building, twice as dense around its corners as along its sides.
 
     Around a corner the facades turn away fast, and SIFT does not match across a rotation of more than 20 degrees. The
     aims are on a short line through the middle of the building, so that the view rotates steadily.
     """
+    count, distance, heights = flight.orbit_count, flight.orbit_distance_m, flight.orbit_heights_m
     _, total = _locate_on_orbit(b, distance, 0.0)
     outline = np.array([_locate_on_orbit(b, distance, s)[0] for s in np.linspace(0, total, 2000)])
     plan_size = np.array([b.length_m, b.depth_m])
@@ -82,7 +81,7 @@ def _plan_orbit(
     weight = np.concatenate([[0.0], np.cumsum(steps)])
     stations = np.interp((np.arange(count) + 0.5) * weight[-1] / count, weight, np.arange(2000))
     result = []
-    for i, station in enumerate(stations):
+    for i, station in enumerate(stations[: flight.count_orbit_photographs()]):
         x, y = outline[round(station)]
         height = heights[i % len(heights)]
         aim_x = np.clip(x, 0.3 * b.length_m, 0.7 * b.length_m)
@@ -111,10 +110,7 @@ def plan_flight(
     """All photographs of a campaign in the order in which they are taken, ``multiview/`` first."""
     flight, rng = campaign.flight, np.random.default_rng([world.recipe.seed, campaign.seed])
     camera = camera_from_optics(world.recipe.optics)
-    stops = [
-        ("multiview", *s)
-        for s in _plan_orbit(world.recipe.building, flight.orbit_count, flight.orbit_distance_m, flight.orbit_heights_m)
-    ]
+    stops = [("multiview", *s) for s in _plan_orbit(world.recipe.building, flight)]
     stops += [("closerange", *s) for s in _plan_close_range_rows(world, campaign)]
     starts = datetime.fromisoformat(campaign.starts)
     exposures = []

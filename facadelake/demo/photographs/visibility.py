@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from facadelake.core.arrays import Float64Nx3, Float64x2, Float64x3
+from facadelake.demo.defect_recipe import DefectOnDay
 from facadelake.demo.photographs.flight import DemoExposure
-from facadelake.demo.recipe import DefectState, DemoDefect
-from facadelake.demo.textures.defects import compute_size
 from facadelake.demo.textures.lighting import RayScene
 from facadelake.demo.world import DemoWorld
 
@@ -25,8 +24,7 @@ OCCLUSION_TOLERANCE_M = 0.02
 class DefectGrid:
     """Points on a defect: ``xyz_site`` (n, 3), its centre first, with outward normals (n, 3) in site."""
 
-    defect: DemoDefect
-    state: DefectState
+    defect: DefectOnDay
     xyz_site: Float64Nx3
     normals: Float64Nx3
 
@@ -47,17 +45,15 @@ class ProjectedDefect:
     incidence_deg: float
 
 
-def sample_defect(world: DemoWorld, defect: DemoDefect, state: DefectState) -> DefectGrid:
-    """The grid of points on a defect, with the size of its state."""
+def sample_defect(world: DemoWorld, defect: DefectOnDay) -> DefectGrid:
+    """The grid of points on a defect, with its size on that day."""
     chart = world.charts[defect.surface]
-    width, height = compute_size(defect, state)
     steps = np.linspace(-0.5, 0.5, 7)
     du, dv = (a.ravel() for a in np.meshgrid(steps, steps))
-    u = defect.u_m + width * np.concatenate([[0.0], du])
-    v = defect.v_m + height * np.concatenate([[0.0], dv])
+    u = defect.u_m + defect.width_m * np.concatenate([[0.0], du])
+    v = defect.v_m + defect.height_m * np.concatenate([[0.0], dv])
     return DefectGrid(
         defect=defect,
-        state=state,
         xyz_site=world.transform_to_site(chart.compute_points(u, v)),
         normals=world.rotate_to_site(chart.compute_normals(u)),
     )

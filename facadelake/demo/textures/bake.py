@@ -25,7 +25,14 @@ TINT = {
     "IfcRailing": (96, 100, 104),
     "IfcMember": (182, 158, 132),
 }
-SURROUNDINGS_TINT = {"trunk": (84, 66, 48), "house roof": (128, 66, 50), "workshop roof": (92, 90, 92)}
+SURROUNDINGS_TINT = {
+    "trunk": (84, 66, 48),
+    "house roof": (128, 66, 50),
+    "workshop roof": (92, 90, 92),
+    "branches": (92, 78, 64),
+    "scaffold frame": (146, 150, 152),
+    "scaffold deck": (158, 132, 92),
+}
 
 
 def _paint_chart(
@@ -35,7 +42,7 @@ def _paint_chart(
     recipe, rng = world.recipe, seed_generator(world.recipe, chart.name)
     b = recipe.building
     if chart.name == "ground":
-        return paint_ground(chart, (0.0, 0.0, b.length_m, b.depth_m), rng)
+        return paint_ground(chart, (0.0, 0.0, b.length_m, b.depth_m), campaign.season.lawn, rng)
     if chart.name == "roof":
         return paint_roof(chart, rng)
     owner = next((box for name, box in boxes.items() if chart.name.startswith(f"{name} ")), None)
@@ -59,7 +66,7 @@ def bake_chart(
     canvas = _paint_chart(world, campaign, chart, boxes)
     for defect in (*recipe.defects, *recipe.off_target_defects):
         if defect.surface == chart.name:
-            draw_defect(canvas, defect, defect.states[index])
+            draw_defect(canvas, defect.describe_day(index))
     for point in recipe.control_points:
         if point.surface == chart.name:
             draw_target(canvas, point)
@@ -103,32 +110,32 @@ def _compute_sky_openness(rays: RayScene, points: Float64Array, normals: Float64
 
 
 def make_lit_part(
-    world: DemoWorld, rays: RayScene, light: Daylight, solid: Solid, triangles: Float64Array
+    world: DemoWorld, rays: RayScene, campaign: CampaignRecipe, solid: Solid, triangles: Float64Array
 ) -> RenderPart:
     """Triangles outside the charts, each with one colour of its material and the light at its centre.
 
     Args:
         world: the recipe and its surfaces.
         rays: the scene of the campaign.
-        light: sun and sky of the day.
+        campaign: its light, and the season, which colours the trees.
         solid: the solid that the triangles belong to.
         triangles: its triangles (n, 3, 3) outside the charts, in the model's frame.
     """
-    subdivided = triangles if solid.name == "crown" else subdivide(triangles, 0.4)
+    subdivided = triangles if solid.name in ("crown", "branches") else subdivide(triangles, 0.4)
     site = world.transform_to_site(subdivided)
     normals, centres = compute_face_normals(site), site.mean(axis=1)
     rng = seed_generator(world.recipe, f"lit {solid.name}")
     tint = np.array(TINT.get(solid.kind) or SURROUNDINGS_TINT.get(solid.name, (224, 220, 210)), dtype=np.float64) / 225
     colours = np.broadcast_to(tint, (len(subdivided), 3)).copy()
-    if solid.name == "crown":
+    if solid.name == "crown" and campaign.season.leaves:
         normals = np.where((normals @ [0.0, 0.0, 1.0])[:, None] < 0, -normals, normals)
-        colours = np.array([0.30, 0.42, 0.16]) * rng.uniform(0.7, 1.35, (len(subdivided), 1)) + rng.normal(
+        colours = np.array(campaign.season.leaves) * rng.uniform(0.7, 1.35, (len(subdivided), 1)) + rng.normal(
             scale=0.02, size=(len(subdivided), 3)
         )
     multiplier = shade(
-        compute_direct_light(rays, centres, normals, light, 3, rng),
+        compute_direct_light(rays, centres, normals, campaign.light, 3, rng),
         compute_sky_openness(rays, centres, normals, 16),
-        light,
+        campaign.light,
     )
     dominant = np.abs(normals).argmax(axis=1)
     axes = np.array([[1, 2], [0, 2], [0, 1]])[dominant]

@@ -12,35 +12,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facadelake.core.arrays import Float32Array, Float64Array, Float64N, UInt8Array
-from facadelake.demo.recipe import DefectState, DemoControlPoint, DemoDefect
+from facadelake.demo.defect_recipe import DefectOnDay
+from facadelake.demo.recipe import DemoControlPoint
 from facadelake.demo.textures.canvas import TextureCanvas
 from facadelake.demo.textures.facades import BRICK, sample_blob
 
 # Factor of the resolution of masks before averaging.
 SUPERSAMPLING = 4
 MARGIN_M = 0.06
+_REPAIR_MARGIN_M = 0.06
 TARGET_M = 0.16
 
 
-def compute_size(defect: DemoDefect, state: DefectState) -> tuple[float, float]:
-    """Width and height of a defect in a state, metres."""
-    factor = defect.growth if state == "grown" else 1.0
-    return defect.width_m * factor, defect.height_m * factor
-
-
-def seed_defect(defect: DemoDefect) -> np.random.Generator:
+def seed_defect(defect_id: str) -> np.random.Generator:
     """The random numbers of a defect's shape."""
-    return np.random.default_rng(zlib.crc32(defect.id.encode()))
+    return np.random.default_rng(zlib.crc32(defect_id.encode()))
 
 
-def draw_defect(canvas: TextureCanvas, defect: DemoDefect, state: DefectState) -> None:
-    """Draw a defect, or its repair; an absent one leaves the wall unchanged."""
-    if state == "absent":
+def draw_defect(canvas: TextureCanvas, defect: DefectOnDay) -> None:
+    """Draw a defect, or its repair; an absent one, and a wall that was cleaned, leave the wall unchanged."""
+    if defect.state == "absent" or (defect.state == "repaired" and defect.repair == "cleaning"):
         return
-    rng = seed_defect(defect)
-    width, height = compute_size(defect, state)
-    if state == "repaired":
-        _draw_repair(canvas, defect, rng, width + 0.12, height + 0.12)
+    rng = seed_defect(defect.id)
+    width, height = defect.width_m, defect.height_m
+    if defect.state == "repaired":
+        margin_m = _REPAIR_MARGIN_M if defect.repair == "render" else 0.0
+        _draw_repair(canvas, defect, rng, width + 2 * margin_m, height + 2 * margin_m)
     elif defect.kind == "crack":
         _draw_crack(canvas, defect, rng, width, height)
     elif defect.kind == "spalling":
@@ -52,7 +49,7 @@ def draw_defect(canvas: TextureCanvas, defect: DemoDefect, state: DefectState) -
 class _DefectLayer:
     """The texels around a defect, and masks over them that are drawn at higher resolution and averaged."""
 
-    def __init__(self, canvas: TextureCanvas, defect: DemoDefect, width: float, height: float) -> None:
+    def __init__(self, canvas: TextureCanvas, defect: DefectOnDay, width: float, height: float) -> None:
         u, v = defect.u_m, defect.v_m
         a, b = width / 2 + MARGIN_M, height / 2 + MARGIN_M
         self.canvas, self.region = canvas, canvas.find_region(u - a, v - b, u + a, v + b)
@@ -110,7 +107,7 @@ def sample_crack_lines(rng: np.random.Generator, width: float, height: float) ->
 
 
 def _draw_crack(
-    canvas: TextureCanvas, defect: DemoDefect, rng: np.random.Generator, width: float, height: float
+    canvas: TextureCanvas, defect: DefectOnDay, rng: np.random.Generator, width: float, height: float
 ) -> None:
     """Dark lines with a soft dark rim."""
     layer = _DefectLayer(canvas, defect, width, height)
@@ -137,7 +134,7 @@ def _make_blob_mask(
 
 
 def _draw_spalling(
-    canvas: TextureCanvas, defect: DemoDefect, rng: np.random.Generator, width: float, height: float
+    canvas: TextureCanvas, defect: DefectOnDay, rng: np.random.Generator, width: float, height: float
 ) -> None:
     """Detached render: brick and crumbling mortar in an irregular hole with a lit and a shaded rim."""
     layer = _DefectLayer(canvas, defect, width, height)
@@ -159,7 +156,7 @@ def _draw_spalling(
 
 
 def _draw_moisture(
-    canvas: TextureCanvas, defect: DemoDefect, rng: np.random.Generator, width: float, height: float
+    canvas: TextureCanvas, defect: DefectOnDay, rng: np.random.Generator, width: float, height: float
 ) -> None:
     """A soft dark stain, greenish and mottled, with a salt rim."""
     layer = _DefectLayer(canvas, defect, width, height)
@@ -187,7 +184,7 @@ def sample_noise(rng: np.random.Generator, rows: int, columns: int, step_px: flo
 
 
 def _draw_repair(
-    canvas: TextureCanvas, defect: DemoDefect, rng: np.random.Generator, width: float, height: float
+    canvas: TextureCanvas, defect: DefectOnDay, rng: np.random.Generator, width: float, height: float
 ) -> None:
     """Fresh render: an even, paler area with trowel edges."""
     layer = _DefectLayer(canvas, defect, width, height)
@@ -197,9 +194,9 @@ def _draw_repair(
     canvas.blend(layer.region, np.asarray(fresh, dtype=np.float32), np.asarray(0.93 * mask, dtype=np.float32))
 
 
-def make_target(point: DemoControlPoint) -> DemoDefect:
+def make_target(point: DemoControlPoint) -> DefectOnDay:
     """The square of a control point's target, as a defect that is drawn and projected like others."""
-    return DemoDefect(
+    return DefectOnDay(
         id=point.id,
         kind="crack",
         surface=point.surface,
@@ -207,7 +204,7 @@ def make_target(point: DemoControlPoint) -> DemoDefect:
         v_m=point.v_m,
         width_m=TARGET_M,
         height_m=TARGET_M,
-        states=[],
+        state="present",
     )
 
 

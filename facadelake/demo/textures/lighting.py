@@ -24,6 +24,7 @@ class RayScene:
             vertices = o3d.core.Tensor(np.ascontiguousarray(triangles.reshape(-1, 3), dtype=np.float32))
             faces = o3d.core.Tensor(np.arange(3 * n, dtype=np.uint32).reshape(-1, 3))
             self.group_of[int(self.scene.add_triangles(vertices, faces))] = index
+        self.find_occluded(np.zeros((1, 3)), np.ones((1, 3)))  # builds the tree here, before several threads use it
 
     @staticmethod
     def _pack_rays(origins: Float64Nx3, directions: Float64Nx3) -> o3d.core.Tensor:

@@ -10,7 +10,7 @@ import numpy as np
 from facadelake.core.arrays import BoolArray, Float64Array, Float64Nx3
 from facadelake.demo.building.charts import Chart, make_building_charts
 from facadelake.demo.building.solids import Solid, make_ground_solid
-from facadelake.demo.recipe import BoxVolume, Daylight
+from facadelake.demo.recipe import BoxVolume, CampaignRecipe
 from facadelake.demo.textures.lighting import shade
 from facadelake.demo.world import DemoWorld
 
@@ -114,12 +114,12 @@ def make_sky_dome() -> RenderPart:
     return RenderPart(texture="sky", triangles=triangles, uv=cut(uv), colours=np.ones((len(triangles), 3)))
 
 
-def make_far_ground(light: Daylight) -> RenderPart:
-    """Plain green ground up to the dome, slightly lower than the near ground."""
+def make_far_ground(campaign: CampaignRecipe) -> RenderPart:
+    """Plain ground, a little paler than the lawn, up to the dome, slightly lower than the near ground."""
     half = 0.99 * FAR_M
     triangles = make_ground_solid(half, (0.0, 0.0), -0.15).triangles
-    sun = np.array([np.sin(np.radians(light.sun_elevation_deg))])
-    colour = np.array([92, 108, 66]) / 225 * shade(sun, np.ones(1), light)[0]
+    sun = np.array([np.sin(np.radians(campaign.light.sun_elevation_deg))])
+    colour = (np.array(campaign.season.lawn) + 4) / 225 * shade(sun, np.ones(1), campaign.light)[0]
     return RenderPart(
         texture=DETAIL,
         triangles=triangles,

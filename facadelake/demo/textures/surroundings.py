@@ -7,8 +7,9 @@ import numpy as np
 
 from facadelake.core.arrays import UInt8Array
 from facadelake.demo.building.charts import Chart
+from facadelake.demo.building.solids import SCAFFOLD_BAY_M, SCAFFOLD_LIFT_M
 from facadelake.demo.recipe import BoxVolume
-from facadelake.demo.textures.canvas import TextureCanvas
+from facadelake.demo.textures.canvas import Colour, TextureCanvas
 from facadelake.demo.textures.facades import add_patches, paint_bricks
 
 
@@ -16,6 +17,8 @@ def paint_box_side(chart: Chart, look: str, rng: np.random.Generator) -> Texture
     """One side of a neighbour or an obstacle."""
     if look == "container":
         return _paint_container(chart, rng)
+    if look == "scaffold":
+        return _paint_sheeting(chart, rng)
     canvas = TextureCanvas(chart, rng, (190, 170, 150))
     width, height = chart.size_m
     if look == "brick":
@@ -47,11 +50,38 @@ def _paint_container(chart: Chart, rng: np.random.Generator) -> TextureCanvas:
     return canvas
 
 
+def _paint_sheeting(chart: Chart, rng: np.random.Generator) -> TextureCanvas:
+    """A side of a scaffold: sheeting with folds, tied to tubes that show through it, with seams and a banner."""
+    canvas = TextureCanvas(chart, rng, (188, 200, 194))
+    width, height = chart.size_m
+    columns = canvas.image.shape[1]
+    folds = rng.standard_normal((1, columns), dtype=np.float32)
+    canvas.image += 40 * cv2.GaussianBlur(folds, (0, 0), sigmaX=0.06 * canvas.per_u).reshape(1, -1, 1)
+    canvas.add(9 * canvas.sample_noise(0.9) + 6 * canvas.sample_noise(0.2) + 4 * canvas.sample_noise(0.05))
+    for u in np.arange(0.0, width, SCAFFOLD_BAY_M):
+        canvas.fill(u, 0.0, u + 0.05, height, (150, 160, 158))
+    for v in np.arange(0.0, height, SCAFFOLD_LIFT_M):
+        canvas.fill(0.0, v, width, v + 0.06, (142, 152, 150))
+        for u in np.arange(0.1, width, 0.4):
+            canvas.fill(u, v + 0.09, u + 0.03, v + 0.12, (70, 76, 74))
+    canvas.fill(0.3, height - 1.9, min(2.3, width - 0.2), height - 0.9, (36, 84, 122))
+    canvas.fill(0.45, height - 1.6, min(2.0, width - 0.4), height - 1.45, (232, 232, 226))
+    canvas.add_speckles(9, (0.01, 0.06), 14)
+    return canvas
+
+
 def paint_ground(
-    chart: Chart, keep_out_m: tuple[float, float, float, float], rng: np.random.Generator
+    chart: Chart, keep_out_m: tuple[float, float, float, float], lawn: Colour, rng: np.random.Generator
 ) -> TextureCanvas:
-    """Lawn, with paving around the building (plan ``keep_out_m``: x0, y0, x1, y1) and a gravel drive to the south."""
-    canvas = TextureCanvas(chart, rng, (88, 104, 62))
+    """Lawn, with paving around the building and a gravel drive to the south.
+
+    Args:
+        chart: the ground.
+        keep_out_m: plan of the building: x0, y0, x1, y1.
+        lawn: colour of the lawn.
+        rng: draws the ground.
+    """
+    canvas = TextureCanvas(chart, rng, lawn)
     canvas.add(
         11 * canvas.sample_noise(5.0)
         + 9 * canvas.sample_noise(1.0)
@@ -97,8 +127,11 @@ def paint_concrete(size_px: int, rng: np.random.Generator) -> UInt8Array:
     return np.asarray(np.repeat(np.clip(tile, 0, 255).astype(np.uint8)[..., None], 3, axis=2))
 
 
-def paint_sky(rng: np.random.Generator) -> UInt8Array:
-    """The texture of the dome: columns are azimuth; rows go from the zenith to slightly below the horizon."""
+def paint_sky(rng: np.random.Generator, overcast: float = 0.0) -> UInt8Array:
+    """The texture of the dome: columns are azimuth; rows go from the zenith to slightly below the horizon.
+
+    ``overcast``: 0 is a fair sky with some clouds, 1 a closed grey one.
+    """
     rows, columns = 512, 2048
     sine_elevation = np.linspace(1, -0.15, rows, dtype=np.float32)[:, None, None]
     zenith, haze = np.array([96, 146, 208], dtype=np.float32), np.array([214, 224, 232], dtype=np.float32)
@@ -110,6 +143,9 @@ def paint_sky(rng: np.random.Generator) -> UInt8Array:
         clouds += strength * np.asarray(cv2.resize(coarse, (columns, rows), interpolation=cv2.INTER_CUBIC))
     cover = (np.clip(clouds - 0.5, 0, 1.2) / 1.2)[..., None] * np.clip(1.2 - sine_elevation, 0, 1)
     sky += cover * (np.array([246, 247, 249], dtype=np.float32) - sky)
+    if overcast:
+        grey = np.array([190, 194, 198], dtype=np.float32) + 7 * np.clip(clouds, -1.5, 1.5)[..., None]
+        sky += overcast * (grey - sky)
     hills = cv2.GaussianBlur(rng.standard_normal((1, columns), dtype=np.float32), (0, 0), sigmaX=40)[0] * 0.25 + 0.035
     below = sine_elevation[:, :, 0] < hills[None, :]
     sky[below] = (128, 146, 140)
@@ -117,5 +153,5 @@ def paint_sky(rng: np.random.Generator) -> UInt8Array:
 
 
 def has_roof(box: BoxVolume) -> bool:
-    """Whether a box has a gable roof (houses have one, containers do not)."""
-    return box.look != "container"
+    """Whether a box has a gable roof: houses have one."""
+    return box.look in ("brick", "plaster")

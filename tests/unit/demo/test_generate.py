@@ -100,7 +100,20 @@ def test_the_noisy_boxes_err_as_stated(small_demo: DemoFiles) -> None:
     [
         ("seed: 20260414", "sed: 20260414", "sed"),
         ("kind: crack", "kind: crak", "crak"),
-        ("states: [present, present]", "states: [present]", "has 1 states, there are 2 campaigns"),
+        ("states: [present, present, present, present]", "states: [present]", "has 1 states, there are 4 campaigns"),
+        ("states: [absent, absent, absent, new]", "states: [absent, absent, absent, seen]", "seen"),
+        (
+            "states: [absent, absent, absent, new]",
+            "states: [absent, absent, absent, present]",
+            "'present' cannot",
+        ),
+        (
+            "repaired, reopened, present]",
+            "repaired, present, present]",
+            "'present' cannot follow 'repaired', rep",
+        ),
+        ("sizes: [1, 1, 1, 1.35]", "sizes: [1, 1, 1, 1]", "size 1 after 1 is 'present', but the state is 'grown'"),
+        ("sizes: [1, 1, 1, 1.35]", "sizes: [1, 1, 1.35]", "has 3 sizes and 4 states"),
         ("{id: D02,", "{id: D01,", "ids are not unique"),
     ],
 )
