@@ -21,7 +21,7 @@ from facadelake.coverage import (
     find_unimaged_areas,
     summarise_coverage,
 )
-from facadelake.lake import read_table, read_tables
+from facadelake.lake import find_latest_campaign, read_tables
 from schemas.vocabulary import SurfaceKind
 
 
@@ -50,12 +50,7 @@ def show_coverage(
     """
     require_known(lake, portfolio, building)
     require_committed(lake, building, campaign, as_of)
-    known = read_table(lake, "campaigns", building_id=building, as_of=as_of).column("campaign_id").to_pylist()
-    if not known:
-        raise InputDataError(
-            f"the lake {lake} has no campaign of building '{building}'; run 'facadelake inspect' first"
-        )
-    chosen = campaign or max(known)
+    chosen = campaign or find_latest_campaign(lake, building, as_of=as_of)
     tables = read_tables(
         lake, ["coverage", "buildings", "defects"], building_id=building, campaign_id=chosen, as_of=as_of
     )

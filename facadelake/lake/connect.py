@@ -26,7 +26,7 @@ _WAY_BACK = (
     f"The way back: restore {CATALOG} from a backup of the lake, of the same time as its tables; published/ has the "
     "published files of each version; or inspect the campaigns again into another lake (--lake)"
 )
-_OPENING = "'facadelake sql history' lists its versions; check that its files are whole"
+_OPENING = "'facadelake sql versions' lists its versions; check that its files are whole"
 LAKE_EXTENSIONS = ("sqlite_scanner", "ducklake")  # GEOMETRY is DuckDB's own; spatial is only for questions
 
 
@@ -114,7 +114,7 @@ def _require_version(folder: Path, as_of: int) -> None:
     if first is None or not first <= as_of <= last:
         held = "none" if first is None else f"{first} to {last}"
         raise StoreError(
-            f"the lake {folder} has no version {as_of}; it has {held} ('facadelake sql history' lists what made them)"
+            f"the lake {folder} has no version {as_of}; it has {held} ('facadelake sql versions' lists what made them)"
         )
 
 

@@ -15,10 +15,11 @@ SELECT
     r.finished_at,
     v.version
 FROM campaigns AS c
+JOIN campaign_order AS o USING (building_id, campaign_id)
 JOIN georeference AS g USING (building_id, campaign_id)
 JOIN runs AS r USING (building_id, campaign_id)
 LEFT JOIN (
     SELECT building_id, campaign_id, max(version) AS version FROM versions GROUP BY building_id, campaign_id
 ) AS v USING (building_id, campaign_id)
 WHERE ($building_id::VARCHAR IS NULL OR c.building_id = $building_id)
-ORDER BY c.building_id, c.campaign_id
+ORDER BY c.building_id, o.campaign_number

@@ -1,5 +1,5 @@
 -- grain: facade, storey, material or element class
--- meaning: defects per square metre that the detector searched, by facade, storey, material and element class, so that a part that was photographed more does not seem worse; parts that were not searched have no density
+-- meaning: defects per square metre that the detector searched, by facade, storey, material and element class, so that a part that was photographed more does not seem worse; parts that were not searched have no density. The sigma is that of counting (Poisson)
 -- $building_id: the building; left out, all of them
 -- $campaign_id: the campaign; left out, all of them
 WITH cells AS (
@@ -68,7 +68,10 @@ SELECT
     round(surface_m2, 2) AS surface_m2,
     round(imaged_m2, 2) AS imaged_m2,
     round(searched_m2, 2) AS searched_m2,
-    CASE WHEN searched_m2 > 0 THEN round(coalesce(defects, 0) / searched_m2, 4) END AS defects_per_m2
+    CASE WHEN searched_m2 > 0 THEN round(coalesce(defects, 0) / searched_m2, 4) END AS defects_per_m2,
+    CASE
+        WHEN searched_m2 > 0 THEN round(sqrt(greatest(coalesce(defects, 0), 1)) / searched_m2, 4)
+    END AS defects_per_m2_sigma
 FROM surfaces
 FULL JOIN counts USING (building_id, campaign_id, divided_by, part)
 ORDER BY building_id, campaign_id, divided_by, defects_per_m2 DESC NULLS LAST, part

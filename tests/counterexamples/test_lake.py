@@ -195,7 +195,7 @@ def test_a_lake_without_its_catalog_is_neither_taken_as_none_nor_begun_anew(
         with pytest.raises(StoreError) as raised:
             attempt()
         assert str(raised.value) == wanted
-    for command in (("campaigns",), ("defects", "tower"), ("sql", "history")):
+    for command in (("campaigns",), ("defects", "tower"), ("sql", "versions")):
         done = facadelake(*command, "--lake", tmp_path)
         assert (done.returncode, done.stdout, done.stderr) == (1, "", f"StoreError: {wanted}\n")
     catalog.write_bytes(whole)

@@ -77,7 +77,7 @@ def test_answers_are_right(lake: Path) -> None:
     }  # fmt: skip
     for row in density.values():
         assert (row["defects"], row["cracks"], row["searched_m2"]) == (4, 2, 3.0)
-        assert row["defects_per_m2"] == 1.3333
+        assert (row["defects_per_m2"], row["defects_per_m2_sigma"]) == (1.3333, 0.6667)
     both = answer_question(lake, "campaigns").to_pylist()
     assert [(r["campaign_id"], r["defects_total"], r["run_id"]) for r in both] == [
         (CAMPAIGN, 4, "run-1"),

@@ -74,8 +74,11 @@ def _cell(
     }  # fmt: skip
 
 
-def rows(defects: int = 3, sightings: int = 2, inputs: str = INPUTS, note: str = "a") -> dict[str, list[dict]]:
+def rows(
+    defects: int = 3, sightings: int = 2, inputs: str = INPUTS, note: str = "a", start: datetime | None = START
+) -> dict[str, list[dict]]:
     """Rows of each table: ``defects`` defects seen ``sightings`` times each, one detection a photograph off target."""
+    began = start or START  # a campaign without capture times has a run, too
     photos = [f"closerange/p{i}.jpg" for i in range(sightings)]
     found = [(d, s, f"{photos[s]}#{d}") for d in range(defects) for s in range(sightings)]
     classes = ["crack", "spalling", "moisture"]
@@ -92,18 +95,18 @@ def rows(defects: int = 3, sightings: int = 2, inputs: str = INPUTS, note: str =
         ],
         "campaigns": [
             {"photographs_uri": "photos", "photos_total": sightings + 1, "photos_localised": sightings,
-             "detections_total": len(found) + 1, "defects_total": defects, "captured_from": START,
-             "captured_to": START + timedelta(hours=1)}
+             "detections_total": len(found) + 1, "defects_total": defects, "captured_from": start,
+             "captured_to": start and start + timedelta(hours=1)}
         ],
         "runs": [
-            {"started_at": START, "finished_at": START + timedelta(minutes=5), "inputs_sha256": inputs,
+            {"started_at": began, "finished_at": began + timedelta(minutes=5), "inputs_sha256": inputs,
              "code_sha256": "c" * 64, "detector_sha256": "d" * 64, "facadelake_version": "0.1.0",
              "configuration": json.dumps({"note": note}), "stage_seconds": json.dumps({"ingest": 1.5}),
              "stage_peak_mib": json.dumps({"ingest": 200}), "stage_keys": json.dumps({"ingest": "k" * 24})}
         ],
         "photos": [
             *({"photo_id": photo, "sha256": f"{i:064d}", "bytes": 1000, "role": "closerange",
-               "photo_outcome": "accepted", "image_width_px": 1600, "image_height_px": 1200, "taken_at": START,
+               "photo_outcome": "accepted", "image_width_px": 1600, "image_height_px": 1200, "taken_at": start,
                "prior_source": "xmp", "prior_lon_deg": LON, "prior_lat_deg": LAT, "prior_height_m": HEIGHT + 10,
                "prior_height_datum": "unknown", "prior_warnings": None if i else "the XMP packet is damaged"}
               for i, photo in enumerate(photos)),

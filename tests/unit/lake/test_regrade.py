@@ -75,7 +75,7 @@ def test_again_changes_nothing(twice: tuple[Path, int, Regrading]) -> None:
 
 def test_history_and_campaigns_tell_of_it(twice: tuple[Path, int, Regrading]) -> None:
     lake, before, done = twice
-    told = answer_question(lake, "history").to_pylist()
+    told = answer_question(lake, "versions").to_pylist()
     assert [(row["campaign_id"], row["run_id"], row["regraded_by"]) for row in told[:3]] == [
         (CAMPAIGN, None, "nyc_fisp_v1"),
         ("2026-10", None, "nyc_fisp_v1"),

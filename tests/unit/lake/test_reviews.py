@@ -53,7 +53,7 @@ def test_words_are_a_version_of_their_own_and_change_no_other_table(tmp_path: Pa
     assert len(read_table(tmp_path, "reviews", as_of=first.version)) == 0
     told = list_versions(tmp_path).to_pylist()[-1]
     assert (told["reviewed_by"], told["run_id"], told["regraded_by"]) == ("A. Mason", None, None)
-    assert answer_question(tmp_path, "history").to_pylist()[0]["reviewed_by"] == "A. Mason"
+    assert answer_question(tmp_path, "versions").to_pylist()[0]["reviewed_by"] == "A. Mason"
 
 
 def test_the_last_word_counts_and_the_same_is_not_written_twice(tmp_path: Path, first: CommitResult) -> None:
