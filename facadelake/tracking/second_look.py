@@ -1,8 +1,9 @@
-"""A second look at one place of the surface in the photographs of two campaigns: the same, changed, or not to be told.
+"""A second look at one place of the surface in the photographs of two campaigns: the same, gone, or not to be told.
 
-Each place is rectified from both campaigns onto one grid with one scale, light is removed (band-pass, local
-normalisation), the later view is aligned within the accuracy of the poses, and the two are correlated: where the defect
-is, and around it. The surroundings tell whether the wall itself is recognised: without that, a change is no evidence.
+Each place is rectified from both campaigns onto one grid with one scale. Light is removed (band-pass of the logarithm of
+the grey values), every view is aligned with the best one within the accuracy of the poses, and each campaign's views are
+averaged: what differs between views of one campaign (reflections, parallax) is not part of the wall. The difference
+of the two averages is judged against what it is around the defect, where nothing changed.
 """
 
 from __future__ import annotations
@@ -19,9 +20,16 @@ from facadelake.core.camera import PosedCamera
 from facadelake.registration import compute_tangents
 
 _FINE_CELLS, _COARSE_CELLS = 1.0, 8.0
-_SIDE_MAX = 241  # cells of a patch's side
+_SIDE_MAX = 481  # cells of a patch's side
 _MARGIN = 1.6  # surroundings, as a factor on the extents
 _SURROUND_MIN_M = 0.35
+_BORDER = 5  # cells at the border, where the band-pass sees no surroundings
+_DARKEST = 8.0  # added to grey values before the logarithm: noise of the dark is not contrast
+_INSIDE_MIN = 0.9  # share of a patch that a photograph must show
+_ALIGNED_MIN = 0.2  # correlation below which a view shows something else
+_CHANGED_SIGMAS = 4.0
+_NOISE_FLOOR = 0.004  # of a difference, in log grey values
+_STEEPNESS_BINS = 8
 Detail = NDArray[np.float32]
 
 
@@ -37,82 +45,197 @@ class Place:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PatchGrid:
-    """Cells of a place's patch: ``half`` counts of cells (columns, rows) from its centre, ``cell_m``; ``defect``
-    (h, w): cells within the extents."""
+    """Cells of a place's patch: ``cell_m``, ``half`` counts of cells (columns, rows) from its centre; ``defect`` and
+    ``around`` (h, w): cells within the extents, and beyond them."""
 
     cell_m: float
     half: tuple[int, int]
     defect: BoolArray
+    around: BoolArray
 
     @staticmethod
     def build(place: Place, gsd_m: float) -> PatchGrid:
+        """The grid of a place with cells of ``gsd_m``, or larger ones where the place is large."""
         half_m = [max(_MARGIN * e / 2, e / 2 + _SURROUND_MIN_M) for e in (place.width_m, place.height_m)]
         cell = max(gsd_m, 2 * max(half_m) / (_SIDE_MAX - 1))
-        half = (int(np.ceil(half_m[0] / cell)), int(np.ceil(half_m[1] / cell)))
+        half = (int(np.ceil(half_m[0] / cell)) + _BORDER, int(np.ceil(half_m[1] / cell)) + _BORDER)
         columns, rows = (np.abs(np.arange(-n, n + 1)) * cell for n in half)
         defect = (rows[:, None] <= place.height_m / 2 + cell) & (columns[None, :] <= place.width_m / 2 + cell)
-        return PatchGrid(cell_m=cell, half=half, defect=defect)
+        around = ~defect
+        around[:_BORDER], around[-_BORDER:], around[:, :_BORDER], around[:, -_BORDER:] = False, False, False, False
+        return PatchGrid(cell_m=cell, half=half, defect=defect, around=around)
+
+    def compute_points(self, place: Place) -> NDArray[np.float64]:
+        """Points (h, w, 3) of the cells in site, rows from the top down."""
+        across, upward = (axis[0] for axis in compute_tangents(place.normal_site[None]))
+        columns, rows = (np.arange(-n, n + 1) * self.cell_m for n in self.half)
+        return place.xyz_site_m + columns[None, :, None] * across - rows[:, None, None] * upward
 
 
-def rectify(image: UInt8Image, posed: PosedCamera, place: Place, grid: PatchGrid) -> Detail | None:
-    """Grey values of a patch, rows from the top down; None where the photograph does not contain it."""
-    across, upward = (axis[0] for axis in compute_tangents(place.normal_site[None]))
-    columns, rows = (np.arange(-n, n + 1) * grid.cell_m for n in grid.half)
-    xyz = place.xyz_site_m + columns[None, :, None] * across - rows[:, None, None] * upward
-    xy = posed.project_site(xyz.reshape(-1, 3)) - 0.5
+def rectify_patch(image: UInt8Image, posed: PosedCamera, place: Place, grid: PatchGrid) -> Detail | None:
+    """Grey values (h, w) of a patch, rows from the top down; None where the photograph shows too little of it."""
+    points = grid.compute_points(place)
+    xy = posed.project_site(points.reshape(-1, 3)) - 0.5  # in OpenCV the first pixel's centre is (0, 0)
     height, width = image.shape
-    if not np.isfinite(xy).all() or (xy < 0).any() or (xy[:, 0] > width - 1).any() or (xy[:, 1] > height - 1).any():
+    inside = np.isfinite(xy).all(axis=1) & (xy >= 0).all(axis=1) & (xy[:, 0] <= width - 1) & (xy[:, 1] <= height - 1)
+    if inside.mean() < _INSIDE_MIN or inside.reshape(grid.defect.shape)[grid.defect].mean() < 1:
         return None
-    shape = (len(rows), len(columns), 2)
-    low = np.floor(xy.min(axis=0)).astype(int)
-    high = np.ceil(xy.max(axis=0)).astype(int) + 2
+    xy = np.clip(np.nan_to_num(xy), 0, (width - 1, height - 1))
+    low, high = np.floor(xy.min(axis=0)).astype(int), np.ceil(xy.max(axis=0)).astype(int) + 2
     crop = image[low[1] : high[1], low[0] : high[0]].astype(np.float32)
+    sample = (xy - low).astype(np.float32).reshape(points.shape[0], points.shape[1], 2)
     # Cells larger than a pixel are means of pixels: without that, fine texture aliases.
-    spread = np.linalg.norm(np.diff(xy.reshape(shape)[shape[0] // 2], axis=0), axis=1).mean()
+    spread = float(np.linalg.norm(np.diff(sample, axis=1), axis=2).mean())
     if spread > 1.5:
         crop = cv2.GaussianBlur(crop, (0, 0), 0.4 * spread)
-    sample = (xy - low).astype(np.float32).reshape(shape)
-    return cv2.remap(crop, sample, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    patch: Detail = cv2.remap(crop, sample, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return patch
 
 
 def extract_detail(patch: Detail) -> Detail:
     """Band-pass of the logarithm of the grey values: free of noise, shading and exposure."""
-    logs = np.log(patch + 8.0)
+    logs = np.log(patch + _DARKEST)
     return cv2.GaussianBlur(logs, (0, 0), _FINE_CELLS) - cv2.GaussianBlur(logs, (0, 0), _COARSE_CELLS)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Look:
-    """Comparison of two patches: correlation ``at_defect`` and ``around`` it (NaN without texture), contrast of the
-    defect's cells then and now, in log grey values, and the shift in m that aligned them."""
+class Comparison:
+    """What two campaigns show of a place.
+
+    ``at_defect``, ``around``: correlations; ``changed_share``: share of the defect's cells that differ significantly,
+    and ``changed_around``; ``difference``: mean of the largest differences at the defect, over the contrast it has where
+    it was seen. ``contrast_seen``, ``contrast_other``: of the defect's cells, in the campaign in which it was seen and in
+    the other, and ``noise`` of a difference, all in log grey values. ``views``: number of photographs of each.
+    """
 
     at_defect: float
     around: float
-    contrast_then: float
-    contrast_now: float
-    shift_m: tuple[float, float]
+    changed_share: float
+    changed_around: float
+    difference: float
+    contrast_seen: float
+    contrast_other: float
+    noise: float
+    views: tuple[int, int]
+    cell_m: float
+    extent: float
+    extent_around: float
 
 
-def compare_patches(then: Detail, now: Detail, grid: PatchGrid, tolerance_m: float) -> Look:
-    """Align ``now`` with ``then`` within the tolerance and correlate."""
-    reach = max(1, int(round(tolerance_m / grid.cell_m)))
-    h, w = then.shape
-    reach = min(reach, (h - 9) // 2, (w - 9) // 2)
-    inner = (slice(reach, h - reach), slice(reach, w - reach))
-    scores = cv2.matchTemplate(now, then[inner], cv2.TM_CCOEFF_NORMED)
-    dy, dx = np.unravel_index(int(np.argmax(scores)), scores.shape)
-    moved = now[dy : dy + h - 2 * reach, dx : dx + w - 2 * reach]
-    first, mask = then[inner], grid.defect[inner]
-    return Look(
-        at_defect=_correlate(first, moved, mask),
-        around=_correlate(first, moved, ~mask),
-        contrast_then=float(first[mask].std()),
-        contrast_now=float(moved[mask].std()),
-        shift_m=(float(dx - reach) * grid.cell_m, float(reach - dy) * grid.cell_m),
+def compare_views(
+    seen: Sequence[Detail], other: Sequence[Detail], grid: PatchGrid, usable: BoolArray, tolerance_m: float
+) -> Comparison:
+    """Compare the views of a campaign in which a defect was seen with those of another.
+
+    Args:
+        seen: details (h, w) of the first campaign, the best first.
+        other: of the other campaign.
+        grid: their grid.
+        usable: cells (h, w) that do not reflect or hide the wall.
+        tolerance_m: accuracy of the poses, within which views are aligned.
+    """
+    reference = seen[0]
+    mean_seen = _average([_align(reference, view, tolerance_m / grid.cell_m) for view in seen])
+    mean_other = _average([_align(reference, view, tolerance_m / grid.cell_m) for view in other])
+    defect, around = grid.defect & usable, grid.around & usable
+    if np.count_nonzero(defect) < 0.3 * np.count_nonzero(grid.defect):  # in a window: the panes are all there is
+        defect = grid.defect
+    gain = np.clip(_fit_gain(mean_seen[around], mean_other[around]), 0.5, 2.0)
+    difference = cv2.GaussianBlur(mean_other - gain * mean_seen, (0, 0), 1.0)
+    noise = _estimate_noise(difference, mean_seen, around)
+    significant = np.abs(difference) > _CHANGED_SIGMAS * noise
+    return Comparison(
+        at_defect=_correlate(mean_seen[defect], mean_other[defect]),
+        around=_correlate(mean_seen[around], mean_other[around]),
+        changed_share=float(significant[defect].mean()),
+        changed_around=float(significant[around].mean()) if around.any() else np.nan,
+        difference=_average_largest(difference[defect]) / max(_average_largest(mean_seen[defect]), 1e-6),
+        contrast_seen=_average_largest(mean_seen[defect]),
+        contrast_other=_average_largest(mean_other[defect]),
+        noise=float(np.median(noise[defect])),
+        views=(len(seen), len(other)),
+        cell_m=grid.cell_m,
+        extent=_measure_extent(significant, defect, grid),
+        extent_around=_measure_extent(significant, around, grid),
     )
 
 
-def _correlate(first: Detail, second: Detail, mask: BoolArray) -> float:
-    a, b = first[mask] - first[mask].mean(), second[mask] - second[mask].mean()
+def _align(reference: Detail, view: Detail, reach: float) -> Detail | None:
+    """``view`` moved onto ``reference``, by translation within ``reach`` cells, then affinely; None: something else."""
+    height, width = reference.shape
+    cells = max(1, min(int(round(reach)), (height - 9) // 2, (width - 9) // 2))
+    inner = reference[cells : height - cells, cells : width - cells]
+    scores = cv2.matchTemplate(view, inner, cv2.TM_CCOEFF_NORMED)
+    row, column = np.unravel_index(int(np.argmax(scores)), scores.shape)
+    warp = np.array([[1, 0, column - cells], [0, 1, row - cells]], dtype=np.float32)
+    start = warp.copy()
+    try:
+        criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
+        _, warp = cv2.findTransformECC(reference, view, warp, cv2.MOTION_AFFINE, criteria, None, 3)
+    except cv2.error:  # no convergence: the translation stands
+        warp = start
+    corners = np.array([[0, 0, 1], [width, 0, 1], [0, height, 1], [width, height, 1]]).T
+    if np.abs(warp @ corners - start @ corners).max() > 3 + 0.05 * max(height, width):
+        warp = start
+    return cv2.warpAffine(
+        view, warp, (width, height), flags=cv2.INTER_LINEAR + cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REFLECT
+    )
+
+
+def _average(views: Sequence[Detail]) -> Detail:
+    """Median of aligned views."""
+    median: Detail = np.median(np.stack(views), axis=0).astype(np.float32)
+    return median
+
+
+def _measure_extent(significant: BoolArray, where: BoolArray, grid: PatchGrid) -> float:
+    """Largest connected change within ``where``: its diagonal over the defect's."""
+    mask = (significant & where).astype(np.uint8)
+    joined = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    count, _, stats, _ = cv2.connectedComponentsWithStats(joined, connectivity=8)
+    if count < 2:
+        return 0.0
+    rows, columns = np.flatnonzero(grid.defect.any(axis=1)), np.flatnonzero(grid.defect.any(axis=0))
+    size = np.hypot(stats[1:, cv2.CC_STAT_WIDTH], stats[1:, cv2.CC_STAT_HEIGHT]).max()
+    return float(size / np.hypot(len(rows), len(columns)))
+
+
+def _fit_gain(first: Detail, second: Detail) -> float:
+    """Factor of contrast between two campaigns, from the surroundings."""
+    energy = float(first @ first)
+    return float(first @ second) / energy if energy > 1e-9 else 1.0
+
+
+def _estimate_noise(difference: Detail, detail: Detail, around: BoolArray) -> Detail:
+    """One sigma (h, w) of a difference where nothing changed: a constant, and a share of the steepness of the detail.
+
+    What remains of a misalignment is proportional to the steepness; both numbers are fitted around the defect.
+    """
+    gradient = np.hypot(cv2.Sobel(detail, -1, 1, 0, ksize=3), cv2.Sobel(detail, -1, 0, 1, ksize=3)) / 8
+    steepness = cv2.dilate(gradient, np.ones((3, 3), np.uint8))
+    size, steep = np.abs(difference[around]), steepness[around]
+    if len(size) < 50 * _STEEPNESS_BINS:
+        constant = max(_NOISE_FLOOR, 1.4826 * float(np.median(size)) if len(size) else 0.05)
+        return np.full(difference.shape, constant, dtype=np.float32)
+    order = np.array_split(np.argsort(steep), _STEEPNESS_BINS)
+    sigma = np.array([1.4826 * np.median(size[rows]) for rows in order])
+    centre = np.array([steep[rows].mean() for rows in order])
+    share = max(0.05, float(np.polyfit(centre, sigma, 1)[0]))
+    constant = max(_NOISE_FLOOR, float(np.median(sigma - share * centre)))
+    noise: Detail = np.hypot(constant, share * steepness).astype(np.float32)
+    return noise
+
+
+def _average_largest(values: Detail) -> float:
+    """Mean of the largest fiftieth of the sizes: of a thin crack, the crack."""
+    count = max(8, len(values) // 50)
+    return float(np.sort(np.abs(values))[-count:].mean()) if len(values) else 0.0
+
+
+def _correlate(first: Detail, second: Detail) -> float:
+    """Correlation; NaN for fewer than 30 cells or no contrast."""
+    if len(first) < 30:
+        return np.nan
+    a, b = first - first.mean(), second - second.mean()
     scale = float(np.linalg.norm(a) * np.linalg.norm(b))
-    return float(a @ b / scale) if scale > 1e-9 and mask.sum() > 30 else np.nan
+    return float(a @ b) / scale if scale > 1e-9 else np.nan
