@@ -120,6 +120,8 @@ class Comparison:
     cell_m: float
     extent: float
     extent_around: float
+    left: float
+    dark: float
 
 
 def compare_views(
@@ -134,9 +136,10 @@ def compare_views(
         usable: cells (h, w) that do not reflect or hide the wall.
         tolerance_m: accuracy of the poses, within which views are aligned.
     """
-    reference = seen[0]
-    mean_seen = _average([_align(reference, view, tolerance_m / grid.cell_m) for view in seen])
-    mean_other = _average([_align(reference, view, tolerance_m / grid.cell_m) for view in other])
+    reference = max(seen, key=lambda view: max(_find_translation(view, one, tolerance_m / grid.cell_m)[0] for one in other))
+    everywhere = (grid.defect | grid.around) & usable
+    mean_seen = _average(_align_views(reference, seen, everywhere, tolerance_m / grid.cell_m))
+    mean_other = _average(_align_views(reference, other, everywhere, tolerance_m / grid.cell_m))
     defect, around = grid.defect & usable, grid.around & usable
     if np.count_nonzero(defect) < 0.3 * np.count_nonzero(grid.defect):  # in a window: the panes are all there is
         defect = grid.defect
@@ -157,17 +160,22 @@ def compare_views(
         cell_m=grid.cell_m,
         extent=_measure_extent(significant, defect, grid),
         extent_around=_measure_extent(significant, around, grid),
+        **_sign(significant, defect, gain * mean_seen, mean_other, difference),
     )
+
+
+def _align_views(reference: Detail, views: Sequence[Detail], cells: BoolArray, reach: float) -> list[Detail]:
+    """The views moved onto the reference, without those that show something else than the best of them does."""
+    aligned = [_align(reference, view, reach) for view in views]
+    likeness = [np.nan_to_num(_correlate(reference[cells], view[cells]), nan=-1.0) for view in aligned]
+    return [view for view, like in zip(aligned, likeness, strict=True) if like >= 0.5 * max(likeness) or like == max(likeness)]
 
 
 def _align(reference: Detail, view: Detail, reach: float) -> Detail | None:
     """``view`` moved onto ``reference``, by translation within ``reach`` cells, then affinely; None: something else."""
     height, width = reference.shape
-    cells = max(1, min(int(round(reach)), (height - 9) // 2, (width - 9) // 2))
-    inner = reference[cells : height - cells, cells : width - cells]
-    scores = cv2.matchTemplate(view, inner, cv2.TM_CCOEFF_NORMED)
-    row, column = np.unravel_index(int(np.argmax(scores)), scores.shape)
-    warp = np.array([[1, 0, column - cells], [0, 1, row - cells]], dtype=np.float32)
+    _, column, row = _find_translation(reference, view, reach)
+    warp = np.array([[1, 0, column], [0, 1, row]], dtype=np.float32)
     start = warp.copy()
     try:
         criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
@@ -180,6 +188,15 @@ def _align(reference: Detail, view: Detail, reach: float) -> Detail | None:
     return cv2.warpAffine(
         view, warp, (width, height), flags=cv2.INTER_LINEAR + cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REFLECT
     )
+
+
+def _find_translation(reference: Detail, view: Detail, reach: float) -> tuple[float, int, int]:
+    """Correlation of ``view`` moved onto ``reference`` within ``reach`` cells, and the move in columns and rows."""
+    height, width = reference.shape
+    cells = max(1, min(int(round(reach)), (height - 9) // 2, (width - 9) // 2))
+    scores = cv2.matchTemplate(view, reference[cells : height - cells, cells : width - cells], cv2.TM_CCOEFF_NORMED)
+    row, column = np.unravel_index(int(np.argmax(scores)), scores.shape)
+    return float(scores[row, column]), int(column) - cells, int(row) - cells
 
 
 def _average(views: Sequence[Detail]) -> Detail:
@@ -198,6 +215,19 @@ def _measure_extent(significant: BoolArray, where: BoolArray, grid: PatchGrid) -
     rows, columns = np.flatnonzero(grid.defect.any(axis=1)), np.flatnonzero(grid.defect.any(axis=0))
     size = np.hypot(stats[1:, cv2.CC_STAT_WIDTH], stats[1:, cv2.CC_STAT_HEIGHT]).max()
     return float(size / np.hypot(len(rows), len(columns)))
+
+
+def _sign(significant, where, seen, other, difference):
+    mask = (significant & where).astype(np.uint8)
+    joined = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(joined, connectivity=8)
+    if count < 2:
+        return {"left": np.nan, "dark": np.nan}
+    big = 1 + int(np.hypot(stats[1:, cv2.CC_STAT_WIDTH], stats[1:, cv2.CC_STAT_HEIGHT]).argmax())
+    cells = (labels == big) & (mask > 0)
+    s1, o1 = cv2.GaussianBlur(seen, (0, 0), 1.0)[cells], cv2.GaussianBlur(other, (0, 0), 1.0)[cells]
+    w = np.abs(difference[cells])
+    return {"left": float((w * np.abs(o1)).sum() / (w * np.abs(s1)).sum()), "dark": float((w * np.sign(difference[cells])).sum() / w.sum())}
 
 
 def _fit_gain(first: Detail, second: Detail) -> float:
