@@ -5,6 +5,7 @@ from __future__ import annotations
 from schemas.column_type import GEO_CRS, Column, Kind, count, flag, real, text, time
 from schemas.coverage_columns import COVERAGE_COLUMNS
 from schemas.review_columns import REVIEW_COLUMNS
+from schemas.track_columns import TRACK_COLUMNS
 from schemas.vocabulary import (
     ControlKind,
     CrackWidthOutcome,
@@ -338,6 +339,7 @@ _ALL = [
     text("detail", "of checks, expected and observed values as JSON; of placement_checks, the comparison in words"),
     *COVERAGE_COLUMNS,
     *REVIEW_COLUMNS,
+    *TRACK_COLUMNS,
 ]
 
 COLUMNS: dict[str, Column] = {column.name: column for column in _ALL}

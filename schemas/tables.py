@@ -219,6 +219,67 @@ _LIST = [
     ),
 ]
 
+_OFFSET = "offset_east_m offset_north_m offset_up_m offset_sigma_east_m offset_sigma_north_m offset_sigma_up_m"
+_HISTORY = [
+    _table(
+        "tracks",
+        "defect of a building for life",
+        "its permanent id, its current state (of campaign_id, the building's latest campaign), and its trend",
+        "building_id track_id",
+        f"track_id defect_class track_state? withdrawn first_campaign? last_campaign? detected_campaign defect_id "
+        f"first_seen_at? last_seen_at? detected_count severity severity_rule {_POSITION} sigma_east_m? sigma_north_m? "
+        "sigma_up_m? width_m height_m length_m? area_m2 crack_width_mm? element_guid ifc_class element_name? material? "
+        "storey? facade facade_azimuth_deg? best_photo_id best_photo_uri? patch? geometry trend_quantity? "
+        "trend_per_year? trend_low_per_year? trend_high_per_year? trend_count? next_limit? next_severity? "
+        "next_limit_from? next_limit_at? next_limit_to? trend_remark?",
+        may_be_empty=True,
+    ),
+    _table(
+        "track_states",
+        "track in a campaign",
+        "what became of the defect, on which evidence, and its change since it was detected before",
+        "building_id campaign_id track_id",
+        "track_id track_state state_evidence defect_id? defect_class state_remark? match_probability? "
+        "previous_campaign? years_since_previous? length_change_m? length_change_sigma_m? area_change_m2? "
+        "area_change_sigma_m2? crack_width_change_mm? crack_width_change_sigma_mm? changed_quantity? reviewer? geometry",
+        may_be_empty=True,
+    ),
+    _table(
+        "track_relations",
+        "relation of a track in a campaign",
+        "defects found in two parts or as one, and changes of class",
+        "building_id campaign_id track_id track_relation",
+        "track_id track_relation other_track_id? detail",
+        may_be_empty=True,
+    ),
+    _table(
+        "track_candidates",
+        "known defect and defect of a campaign that may be the same",
+        "how the defects of a campaign were matched to those known before",
+        "building_id campaign_id track_id defect_id",
+        "track_id defect_id displacement_m mahalanobis_distance log_odds match_probability matched",
+        may_be_empty=True,
+    ),
+    _table(
+        "looks",
+        "look at the place of a track in a campaign that did not detect it",
+        "comparison of the photographs of two campaigns at the place of a defect",
+        "building_id campaign_id track_id",
+        "track_id compared_campaign defect_id look_verdict look_count compared_count look_photo_id? "
+        "compared_photo_id? look_similarity? surroundings_similarity? change_extent? contrast_difference? "
+        "contrast_left? look_cell_mm?",
+        may_be_empty=True,
+    ),
+    _table(
+        "frame_offsets",
+        "facade in a campaign, or the whole building (facade empty)",
+        "offset of the campaign's positions from those of the campaigns before, estimated at their defects",
+        "building_id campaign_id facade",
+        f"facade offset_outcome {_optional(_OFFSET)} offset_count found_again_share? detail",
+        may_be_empty=True,
+    ),
+]
+
 _BOX = "box_x_px? box_y_px? box_width_px? box_height_px?"
 _REVIEWS = [
     _table(
@@ -231,10 +292,20 @@ _REVIEWS = [
         f"{_BOX.replace('box_', 'reviewed_box_')} detector_sha256? reviewer reviewed_at note?",
         may_be_empty=True,
     ),
+    _table(
+        "track_reviews",
+        "review of a track in a campaign",
+        "the state that a person has given to a defect; the latest review of a track in a campaign counts",
+        "building_id campaign_id review_id",
+        "review_id track_id track_state reviewer reviewed_at note?",
+        may_be_empty=True,
+    ),
 ]
 
 # What a run commits, in one transaction.
 TABLES: dict[str, Table] = {table.name: table for table in _LIST}
+# What tracking makes of all campaigns of a building: a commit of one campaign replaces the rows of the building.
+HISTORY_TABLES: dict[str, Table] = {table.name: table for table in _HISTORY}
 # What reviewers add: rows are appended and never changed, and no run replaces them.
 REVIEW_TABLES: dict[str, Table] = {table.name: table for table in _REVIEWS}
-LAKE_TABLES: dict[str, Table] = {**TABLES, **REVIEW_TABLES}
+LAKE_TABLES: dict[str, Table] = {**TABLES, **HISTORY_TABLES, **REVIEW_TABLES}

@@ -217,3 +217,84 @@ class IntegrityOutcome(StrEnum):
     COMPARED = "compared"
     TOO_LITTLE_SURFACE = "too_little_surface"
     NO_MODEL = "no_model"
+
+
+class TrackState(StrEnum):
+    """State of a track in a campaign; ``docs/history.md`` defines the words.
+
+    ``new``: its place was imaged well enough before, and did not show it. ``first_seen``: its place was never imaged
+    well enough before. ``seen``, ``grown``, ``shrunk``: it is there, and its size is the same or changed significantly.
+    ``repaired``: imaged well enough, gone, and its look changed. ``not_found``: imaged, not detected, evidence for
+    neither. ``not_imaged``. ``reopened``: there again after it was repaired.
+    """
+
+    NEW = "new"
+    FIRST_SEEN = "first_seen"
+    SEEN = "seen"
+    GROWN = "grown"
+    SHRUNK = "shrunk"
+    REPAIRED = "repaired"
+    NOT_FOUND = "not_found"
+    NOT_IMAGED = "not_imaged"
+    REOPENED = "reopened"
+
+
+class StateEvidence(StrEnum):
+    """What the state of a track in a campaign rests on: a detection, a look at its place, a relation, or a person.
+
+    ``no_photograph``: the place is in view, but the files for a look are not there.
+    """
+
+    DETECTED = "detected"
+    LOOKS_THE_SAME = "looks_the_same"
+    LOOKS_REPAIRED = "looks_repaired"
+    LOOK_UNDECIDED = "look_undecided"
+    HIDDEN = "hidden"
+    NOT_IN_VIEW = "not_in_view"
+    NO_PHOTOGRAPH = "no_photograph"
+    PART_OF_OTHER = "part_of_other"
+    REVIEW = "review"
+
+
+class LookVerdict(StrEnum):
+    """What a look at a defect's place in another campaign says.
+
+    ``same``: it looks as it did. ``gone``: the wall is recognised, and the defect's look is not there. ``undecided``:
+    imaged, evidence for neither. ``hidden``: something else is before the wall. ``not_in_view``: no photograph shows
+    the place well enough. ``no_photograph``: the files of one campaign are not there.
+    """
+
+    SAME = "same"
+    GONE = "gone"
+    UNDECIDED = "undecided"
+    HIDDEN = "hidden"
+    NOT_IN_VIEW = "not_in_view"
+    NO_PHOTOGRAPH = "no_photograph"
+
+
+class TrackRelation(StrEnum):
+    """Relation of a track to another one, or a change of its class."""
+
+    SPLIT_FROM = "split_from"
+    JOINED_INTO = "joined_into"
+    CLASS_CHANGED = "class_changed"
+
+
+class TrendQuantity(StrEnum):
+    """Quantity of a change or a trend: a column of table ``defects``."""
+
+    LENGTH = "length_m"
+    AREA = "area_m2"
+    CRACK_WIDTH = "crack_width_mm"
+
+
+class OffsetOutcome(StrEnum):
+    """Whether the offset of a campaign's frame from the campaigns before was estimated.
+
+    ``refused``: the frames contradict each other beyond their sigmas; the campaign is not tracked.
+    """
+
+    FIRST = "first"
+    ESTIMATED = "estimated"
+    TOO_FEW = "too_few"
+    REFUSED = "refused"

@@ -18,7 +18,7 @@ from facadelake.lake.connect import open_to_read
 from facadelake.lake.migrate import get_schema_version
 from facadelake.lake.questions import answer_question, list_questions
 from facadelake.lake.read import list_versions, query, read_table
-from schemas.tables import LAKE_TABLES, SCHEMA_VERSION
+from schemas.tables import HISTORY_TABLES, LAKE_TABLES, SCHEMA_VERSION
 from tests.unit.lake.small_campaign import CAMPAIGN, commit
 
 DATA = Path(__file__).resolve().parents[2] / "data"
@@ -51,7 +51,7 @@ def stored(lake: Path, table: str, as_of: int | None = None) -> pa.Table:
 
 
 # Tables that schema version 1 does not have.
-ADDED = {"coverage", "placement_checks"}
+ADDED = {"coverage", "placement_checks", "track_reviews", *HISTORY_TABLES}
 
 
 @pytest.mark.parametrize("table", sorted(ADDED))
@@ -109,7 +109,7 @@ def test_a_lake_of_schema_1_under_a_path_with_a_quote(lake: Path, tmp_path: Path
 def test_a_lake_of_a_later_schema_is_read_and_migrated(tmp_path: Path, schema: int) -> None:
     lake = extract(tmp_path, schema)
     then = {table: read_table(lake, table) for table in LAKE_TABLES}
-    assert {table for table, rows in then.items() if not len(rows)} <= {"reviews", "coverage"}
+    assert {table for table, rows in then.items() if not len(rows)} <= {"reviews", "track_reviews", "coverage", *HISTORY_TABLES}
     assert then["defects"].column("severity_low").null_count == len(then["defects"])
     with open_to_read(lake) as connection:
         assert get_schema_version(connection) == schema
