@@ -12,10 +12,10 @@ from prefect import flow
 
 from facadelake.campaigns import AUTO, LATEST, describe_replaced_regrading, plan_inspection
 from facadelake.core.code_version import compute_code_version, require_unchanged_code
-from facadelake.core.errors import FacadelakeError
+from facadelake.core.errors import FacadelakeError, HistoryOutdatedError
 from facadelake.registry import CocoDetectorSetting, read_portfolio
 from schemas.vocabulary import SurfaceKind
-from tasks.commit import commit
+from tasks.commit import commit, publish
 from tasks.detect import detect
 from tasks.draw import draw
 from tasks.georeference import georeference_block
@@ -27,14 +27,16 @@ from tasks.load_model import load_model
 from tasks.measure import measure
 from tasks.measure_coverage import measure_coverage
 from tasks.merge import merge_duplicates
-from tasks.publish import publish
 from tasks.reconstruct import reconstruct_block
 from tasks.register import list_registration_warnings, register
+from tasks.track import track
 from tasks.validate import validate_tables
 from tasks.verify_model import verify_model
 from tasks.without_model import make_as_built_model, place_building
 
 log = logging.getLogger("facadelake.flows")
+
+_COMMIT_ATTEMPTS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,9 +134,18 @@ def inspect_building(
         integrity=integrity,
         coverage=coverage,
     )
-    checks = validate_tables(job, results)
-    require_unchanged_code(__name__)
-    committed = commit(job, results, checks)
+    for attempts_left in reversed(range(_COMMIT_ATTEMPTS)):
+        tracked = track(job, results)
+        checks = validate_tables(job, results, tracked.stage)
+        require_unchanged_code(__name__)
+        try:
+            committed = commit(job, results, tracked, checks)
+            break
+        except HistoryOutdatedError as error:  # another process committed a campaign of the building meanwhile
+            if not attempts_left:
+                raise
+            log.warning("%s; tracking again", error)
+    warnings += tracked.warnings
     warnings += [describe_replaced_regrading(building, campaign, rules) for rules in committed.regraded_before]
     pictures: StageResult | None = None
     try:
@@ -150,6 +161,6 @@ def inspect_building(
         version=committed.version,
         changed=committed.changed,
         release=release,
-        stages=(*results.list_results(), checks, *([pictures] if pictures else [])),
+        stages=(*results.list_results(), tracked.stage, checks, *([pictures] if pictures else [])),
         warnings=tuple(warnings),
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from schemas.column_type import Kind
-from schemas.tables import RUN_KEYS, Table
+from schemas.tables import Table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,8 +28,8 @@ def derive_expectations(table: Table) -> tuple[Expectation, ...]:
 
 
 def _derive_column_expectations(table: Table) -> Iterator[Expectation]:
-    columns = [column for column in table.columns if column.name not in RUN_KEYS]
-    key = tuple(name for name in table.key if name not in RUN_KEYS)
+    columns = table.stage_columns
+    key = tuple(name for name in table.key if name not in table.filled_at_commit)
     yield Expectation(
         name="expect_table_columns_to_match_ordered_list",
         settings={"column_list": [column.name for column in columns if column.kind is not Kind.GEOMETRY]},

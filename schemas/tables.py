@@ -27,6 +27,12 @@ class Table:
     columns: tuple[Column, ...]
     optional: frozenset[str]
     may_be_empty: bool = False
+    filled_at_commit: tuple[str, ...] = RUN_KEYS
+
+    @property
+    def stage_columns(self) -> tuple[Column, ...]:
+        """The columns of the table as a stage makes it, without those that the commit fills."""
+        return tuple(column for column in self.columns if column.name not in self.filled_at_commit)
 
     @property
     def arrow(self) -> pa.Schema:
@@ -39,7 +45,16 @@ class Table:
         return tuple(c.name for c in self.columns if c.kind is Kind.GEOMETRY)
 
 
-def _table(name: str, grain: str, meaning: str, key: str, columns: str, *, may_be_empty: bool = False) -> Table:
+def _table(
+    name: str,
+    grain: str,
+    meaning: str,
+    key: str,
+    columns: str,
+    *,
+    may_be_empty: bool = False,
+    filled_at_commit: tuple[str, ...] = RUN_KEYS,
+) -> Table:
     words = [*RUN_KEYS, *columns.split()]
     return Table(
         name=name,
@@ -49,6 +64,7 @@ def _table(name: str, grain: str, meaning: str, key: str, columns: str, *, may_b
         columns=tuple(COLUMNS[word.rstrip("?")] for word in words),
         optional=frozenset(word.rstrip("?") for word in words if word.endswith("?")),
         may_be_empty=may_be_empty,
+        filled_at_commit=filled_at_commit,
     )
 
 
@@ -220,6 +236,7 @@ _LIST = [
 ]
 
 _OFFSET = "offset_east_m offset_north_m offset_up_m offset_sigma_east_m offset_sigma_north_m offset_sigma_up_m"
+# Their rows are of several campaigns, so that they are made with all their columns.
 _HISTORY = [
     _table(
         "tracks",
@@ -233,6 +250,7 @@ _HISTORY = [
         "trend_per_year? trend_low_per_year? trend_high_per_year? trend_count? next_limit? next_severity? "
         "next_limit_from? next_limit_at? next_limit_to? trend_remark?",
         may_be_empty=True,
+        filled_at_commit=(),
     ),
     _table(
         "track_states",
@@ -241,8 +259,10 @@ _HISTORY = [
         "building_id campaign_id track_id",
         "track_id track_state state_evidence defect_id? defect_class state_remark? match_probability? "
         "previous_campaign? years_since_previous? length_change_m? length_change_sigma_m? area_change_m2? "
-        "area_change_sigma_m2? crack_width_change_mm? crack_width_change_sigma_mm? changed_quantity? reviewer? geometry",
+        "area_change_sigma_m2? crack_width_change_mm? crack_width_change_sigma_mm? changed_quantity? reviewer? "
+        "geometry",
         may_be_empty=True,
+        filled_at_commit=(),
     ),
     _table(
         "track_relations",
@@ -251,6 +271,7 @@ _HISTORY = [
         "building_id campaign_id track_id track_relation",
         "track_id track_relation other_track_id? detail",
         may_be_empty=True,
+        filled_at_commit=(),
     ),
     _table(
         "track_candidates",
@@ -259,6 +280,7 @@ _HISTORY = [
         "building_id campaign_id track_id defect_id",
         "track_id defect_id displacement_m mahalanobis_distance log_odds match_probability matched",
         may_be_empty=True,
+        filled_at_commit=(),
     ),
     _table(
         "looks",
@@ -269,6 +291,7 @@ _HISTORY = [
         "compared_photo_id? look_similarity? surroundings_similarity? change_extent? contrast_difference? "
         "contrast_left? look_cell_mm?",
         may_be_empty=True,
+        filled_at_commit=(),
     ),
     _table(
         "frame_offsets",
@@ -277,6 +300,7 @@ _HISTORY = [
         "building_id campaign_id facade",
         f"facade offset_outcome {_optional(_OFFSET)} offset_count found_again_share? detail",
         may_be_empty=True,
+        filled_at_commit=(),
     ),
 ]
 

@@ -26,7 +26,11 @@ TRACK_COLUMNS = [
     real("area_change_sigma_m2", "m2", "one sigma of that change", 0),
     real("crack_width_change_mm", "mm", "change of the mean crack width since the previous detection"),
     real("crack_width_change_sigma_mm", "mm", "one sigma of that change", 0),
-    text("changed_quantity", "the quantity whose change is significant, where the state is grown or shrunk", TrendQuantity),
+    text(
+        "changed_quantity",
+        "the quantity whose change is significant, where the state is grown or shrunk",
+        TrendQuantity,
+    ),
     text("trend_quantity", "the quantity of the trend", TrendQuantity),
     real("trend_per_year", "", "robust trend of that quantity a year, in its unit; of three or more campaigns"),
     real("trend_low_per_year", "", "lower end of the trend's 95 % interval"),
@@ -45,7 +49,10 @@ TRACK_COLUMNS = [
     real("log_odds", "", "log of the odds of one defect against two unrelated ones, of which one was not found again"),
     flag("matched", "whether the candidate was taken"),
     # looks
-    text("compared_campaign", "campaign that detected the defect, with whose photographs those of campaign_id are compared"),
+    text(
+        "compared_campaign",
+        "campaign that detected the defect, with whose photographs those of campaign_id are compared",
+    ),
     text("look_verdict", "what the look at the defect's place in the photographs says", LookVerdict),
     count("look_count", "photographs of campaign_id that show the place"),
     count("compared_count", "the same of compared_campaign"),

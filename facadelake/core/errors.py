@@ -30,6 +30,10 @@ class StoreError(FacadelakeError):
     """The lake cannot be read or written; committed versions are unchanged."""
 
 
+class HistoryOutdatedError(StoreError):
+    """The lake has changed since the building's campaigns were tracked; nothing was written."""
+
+
 class CodeVersionError(FacadelakeError):
     """The code of a result cannot be identified, or changed while it was computed; nothing was stored."""
 

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from facadelake.core.errors import SchemaError
-from schemas.tables import HISTORY_TABLES, RUN_KEYS, TABLES
+from schemas.tables import LAKE_TABLES, TABLES
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECONDS = {"s": 1_000_000, "ms": 1000, "us": 1}
@@ -20,13 +20,12 @@ Row = dict[str, Any]
 
 
 def get_stage_schema(name: str) -> pa.Schema:
-    """The Arrow schema of table ``name`` without building_id, campaign_id and run_id.
+    """The Arrow schema of table ``name`` as a stage makes it: without building_id, campaign_id and run_id.
 
-    Tables of the history have rows of several campaigns, so that they are made with all their columns.
+    Tables of the history have them, since their rows are of several campaigns.
     """
-    if name in HISTORY_TABLES:
-        return HISTORY_TABLES[name].arrow
-    return pa.schema([field for field in TABLES[name].arrow if field.name not in RUN_KEYS])
+    table = LAKE_TABLES[name]
+    return pa.schema([table.arrow.field(column.name) for column in table.stage_columns])
 
 
 def table_from_rows(name: str, rows: Sequence[Mapping[str, Any]]) -> pa.Table:

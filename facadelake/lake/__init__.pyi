@@ -9,6 +9,8 @@ from .checks import validate as validate
 from .commit import CommitResult as CommitResult
 from .commit import commit_campaign as commit_campaign
 from .connect import has_lake as has_lake
+from .history import TrackedHistory as TrackedHistory
+from .history import commit_history as commit_history
 from .questions import answer_question as answer_question
 from .questions import find_latest_campaign as find_latest_campaign
 from .questions import list_questions as list_questions

@@ -17,9 +17,9 @@ from facadelake.core.errors import SchemaError, StoreError
 from facadelake.core.sql_files import SqlStatement, read_statements
 from facadelake.core.tables import get_stage_schema, table_from_rows
 from schemas.expectations import Expectation, derive_expectations
-from schemas.tables import RUN_KEYS, TABLES
+from schemas.tables import HISTORY_TABLES, LAKE_TABLES, TABLES
 
-CHECKED = tuple(name for name in TABLES if name != "checks")
+CHECKED = tuple(name for name in (*TABLES, *HISTORY_TABLES) if name != "checks")
 CHECKS = locate_source("sql/checks")
 EXAMPLES = 5  # unexpected values or rows kept in a result's detail
 
@@ -34,7 +34,8 @@ def validate(tables: Mapping[str, pa.Table]) -> pa.Table:
     for name in CHECKED:
         if name not in tables:
             raise SchemaError(f"table {name} is missing from the campaign; the checks need all of {', '.join(CHECKED)}")
-        stage[name] = tables[name].drop_columns([key for key in RUN_KEYS if key in tables[name].column_names])
+        filled = LAKE_TABLES[name].filled_at_commit
+        stage[name] = tables[name].drop_columns([key for key in filled if key in tables[name].column_names])
         if not stage[name].schema.equals(get_stage_schema(name)):
             raise SchemaError(
                 f"table {name} has the columns {stage[name].schema.to_string()}; "
@@ -68,13 +69,13 @@ def _check_tables(tables: Mapping[str, pa.Table]) -> list[dict[str, Any]]:
     source = context.data_sources.add_pandas("stage")
     rows = []
     for name in CHECKED:
-        frame = tables[name].drop_columns(list(TABLES[name].geometry_columns)).to_pandas()
+        frame = tables[name].drop_columns(list(LAKE_TABLES[name].geometry_columns)).to_pandas()
         batch = (
             source.add_dataframe_asset(name)
             .add_batch_definition_whole_dataframe("all")
             .get_batch(batch_parameters={"dataframe": frame})
         )
-        wanted = derive_expectations(TABLES[name])
+        wanted = derive_expectations(LAKE_TABLES[name])
         suite = gx.ExpectationSuite(
             name=name, expectations=[_build_expectation(gx.expectations, one, n) for n, one in enumerate(wanted)]
         )

@@ -13,6 +13,7 @@ import pyarrow as pa
 from facadelake.core.errors import SchemaError
 from facadelake.lake.connect import LOCK_TIMEOUT_S
 from facadelake.lake.damage import wrap_lake_errors
+from facadelake.lake.history import TrackedHistory, replace_history, require_current_history
 from facadelake.lake.migrate import open_to_write
 from facadelake.lake.transaction import get_last_version, insert, make_version
 from schemas.tables import RUN_KEYS, TABLES
@@ -50,9 +51,10 @@ def commit_campaign(
     run_id: str,
     tables: Mapping[str, pa.Table],
     inputs_sha256: str,
+    history: TrackedHistory | None = None,
     lock_timeout_s: float = LOCK_TIMEOUT_S,
 ) -> CommitResult:
-    """Replace the campaign's rows of every table in one transaction.
+    """Replace the campaign's rows of every table, and the building's history, in one transaction.
 
     Nothing is written where the lake's campaign was made of the same inputs, code and configuration: then ``changed``
     is False and ``version`` the one that committed or last regraded it. Earlier versions stay readable.
@@ -64,10 +66,11 @@ def commit_campaign(
         run_id: the run.
         tables: every table of ``schemas.tables.TABLES`` by name, with the run keys as first columns.
         inputs_sha256: hash of the run's inputs, as in table ``runs``.
+        history: the tracks of all campaigns of the building, with this one; None: those of the lake stay.
         lock_timeout_s: seconds to wait for another process that writes the lake.
 
-    Raises SchemaError for tables that are not as schemas/ declares, StoreError when the lake cannot be written (it
-    then stays as it was).
+    Raises SchemaError for tables that are not as schemas/ declares, HistoryOutdatedError where the lake has changed
+    since the history was tracked, StoreError when the lake cannot be written (it then stays as it was).
     """
     run = _check_run(building_id, campaign_id, run_id, tables, inputs_sha256)
     doing = f"committing {building_id} {campaign_id} to the lake {lake}"
@@ -76,8 +79,10 @@ def commit_campaign(
         if known is not None:
             logger.info("%s %s is in the lake already, version %d", building_id, campaign_id, known)
             return CommitResult(version=known, changed=False)
+        if history is not None:
+            require_current_history(connection, history, building_id, but=campaign_id)
         regraded = _read_regrading_rules(connection, run)
-        version = _replace(connection, run, tables)
+        version = _replace(connection, run, tables, history)
     logger.info("%s %s committed as version %d", building_id, campaign_id, version)
     return CommitResult(version=version, changed=True, regraded_before=regraded)
 
@@ -138,7 +143,9 @@ def _read_regrading_rules(connection: duckdb.DuckDBPyConnection, run: _Run) -> t
     return tuple(str(row[0]) for row in rows)
 
 
-def _replace(connection: duckdb.DuckDBPyConnection, run: _Run, tables: Mapping[str, pa.Table]) -> int:
+def _replace(
+    connection: duckdb.DuckDBPyConnection, run: _Run, tables: Mapping[str, pa.Table], history: TrackedHistory | None
+) -> int:
     origin = {"building_id": run.building_id, "campaign_id": run.campaign_id, "run_id": run.run_id}
     with make_version(connection, f"{run.building_id} {run.campaign_id}", origin):
         for name, table in tables.items():
@@ -146,4 +153,6 @@ def _replace(connection: duckdb.DuckDBPyConnection, run: _Run, tables: Mapping[s
                 f"DELETE FROM {name} WHERE building_id = ? AND campaign_id = ?", [run.building_id, run.campaign_id]
             )
             insert(connection, TABLES[name], table)
+        if history is not None:
+            replace_history(connection, history, run.building_id)
     return get_last_version(connection)

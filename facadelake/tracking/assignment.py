@@ -14,7 +14,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from facadelake.core.arrays import Float64N, RowIndices
+from facadelake.core.arrays import BoolArray, Float64N, RowIndices
 from facadelake.tracking.candidates import CandidatePairs
 
 _ITERATIONS = 5
@@ -23,14 +23,16 @@ _FOUND_AGAIN_PRIOR = (4.0, 1.0)  # of the probability to be found again, as coun
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Assignment:
-    """Matched rows ``known`` and ``found`` (m,), and the ``probability`` (m,) of each pair.
+    """Which of the candidate pairs (k) are one defect: ``matched`` (k,), and what speaks for each.
 
-    ``found_again``: estimated probability that a known defect is found; ``density_per_m2`` of unrelated defects.
+    ``probability`` (k,) that the pair is one defect, among all candidates of both. ``log_odds`` (k,): of the pair
+    alone, against two unrelated defects of which one was not found again. ``found_again``: estimated probability that
+    a known defect is found; ``density_per_m2`` of unrelated defects.
     """
 
-    known: RowIndices
-    found: RowIndices
+    matched: BoolArray
     probability: Float64N
+    log_odds: Float64N
     found_again: float
     density_per_m2: float
 
@@ -56,11 +58,12 @@ def assign_defects(pairs: CandidatePairs, known_count: int, found_count: int, ar
         found_again = (expected + _FOUND_AGAIN_PRIOR[0]) / (known_count + sum(_FOUND_AGAIN_PRIOR))
         density = max(found_count - expected, 0.5) / max(area_m2, 1.0)
     log_odds = _compute_log_odds(pairs, found_again, density)
-    chosen = _maximise(pairs, log_odds, known_count, found_count)
+    matched = np.zeros(len(pairs), dtype=bool)
+    matched[_maximise(pairs, log_odds, known_count, found_count)] = True
     return Assignment(
-        known=pairs.known[chosen],
-        found=pairs.found[chosen],
-        probability=_compute_marginals(pairs, np.exp(np.minimum(log_odds, 700)), known_count, found_count)[chosen],
+        matched=matched,
+        probability=_compute_marginals(pairs, np.exp(np.minimum(log_odds, 700)), known_count, found_count),
+        log_odds=log_odds,
         found_again=found_again,
         density_per_m2=density,
     )
@@ -96,7 +99,9 @@ def _maximise(pairs: CandidatePairs, log_odds: Float64N, known_count: int, found
         return useful
     known, found = pairs.known[useful], known_count + pairs.found[useful]
     size = known_count + found_count
-    _, group = connected_components(coo_array((np.ones(len(useful)), (known, found)), shape=(size, size)), directed=False)
+    _, group = connected_components(
+        coo_array((np.ones(len(useful)), (known, found)), shape=(size, size)), directed=False
+    )
     order = np.argsort(group[known], kind="stable")
     bounds = np.flatnonzero(np.diff(group[known][order])) + 1
     chosen: list[int] = []

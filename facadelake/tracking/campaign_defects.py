@@ -47,10 +47,11 @@ class DefectArrays:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrackedCampaign:
-    """One committed campaign: its id, its capture time, its defects."""
+    """The defects of one campaign. ``frame_sigma_m``: one sigma of its georeferencing, largest axis."""
 
     campaign_id: str
     captured_at: datetime
+    frame_sigma_m: float
     defects: DefectArrays
 
 

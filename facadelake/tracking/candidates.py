@@ -30,6 +30,8 @@ _LOG_SIZE_SIGMA, _LOG_GROWTH_SIGMA, _GROWN_SHARE = 0.15, 0.5, 0.25  # of the sam
 class CandidatePairs:
     """Pairs (k): rows ``known`` and ``found``; ``displacement_m`` (k, 3): found minus known, without the offset.
 
+    ``mahalanobis`` (k,): distance on the surface in proportion to its covariance.
+
     ``log_ratio`` (k,): log of the density of this displacement, class and size for one defect, over that of two
     unrelated ones of which there are one in a square metre.
     """
@@ -37,6 +39,7 @@ class CandidatePairs:
     known: RowIndices
     found: RowIndices
     displacement_m: Float64Nx3
+    mahalanobis: Float64N
     log_ratio: Float64N
 
     def __len__(self) -> int:
@@ -69,7 +72,9 @@ def find_candidates(known: DefectArrays, found: DefectArrays, offset_m: Float64N
     squared = np.einsum("ki,ki->k", residual, np.linalg.solve(covariance, residual[:, :, None])[:, :, 0])
     along_normal = np.abs(np.einsum("ki,ki->k", known.normal_site[i], displacement))
     sigma_normal = np.sqrt(
-        np.einsum("ki,kij,kj->k", known.normal_site[i], known.covariance_m2[i] + found.covariance_m2[j], known.normal_site[i])
+        np.einsum(
+            "ki,kij,kj->k", known.normal_site[i], known.covariance_m2[i] + found.covariance_m2[j], known.normal_site[i]
+        )
         + reach_m**2
     )
     facing = np.einsum("ki,ki->k", known.normal_site[i], found.normal_site[j])
@@ -81,7 +86,11 @@ def find_candidates(known: DefectArrays, found: DefectArrays, offset_m: Float64N
     log_position = -0.5 * squared - np.log(2 * np.pi) - 0.5 * np.log(np.linalg.det(covariance))
     log_ratio = log_position + _compute_class_ratio(known, i, found, j) + _compute_size_ratio(known, i, found, j)
     return CandidatePairs(
-        known=i[inside], found=j[inside], displacement_m=displacement[inside], log_ratio=log_ratio[inside]
+        known=i[inside],
+        found=j[inside],
+        displacement_m=displacement[inside],
+        mahalanobis=np.sqrt(squared[inside]),
+        log_ratio=log_ratio[inside],
     )
 
 

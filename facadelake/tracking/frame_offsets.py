@@ -7,32 +7,40 @@ agree on nothing.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from facadelake.core.arrays import Float64Nx3, Float64x3, Float64x3x3
 from facadelake.tracking.campaign_defects import DefectArrays
-from facadelake.tracking.candidates import CandidatePairs, find_candidates
+from facadelake.tracking.candidates import find_candidates
+from schemas.vocabulary import OffsetOutcome
 
 _FACADE_SIGMA_M = 0.02  # of a facade's own offset from that of the building
 _PAIR_FLOOR_M = 0.01  # one sigma of a displacement besides covariance and extents
 _ROUNDS = 10
 _INLIER_SIGMAS = 3.0
 _PAIRS_MIN = 4
+_ADMITTED_SIGMAS, _ADMITTED_FLOOR_M = 4.0, 0.10
+_SEARCHED_M = 1.5
+_JUMP_PAIRS_MIN = 6
+_JUMP_SHARE = 0.4  # of the defects of the smaller campaign, which agree on a jump
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrameOffset:
     """Offset ``xyz_m`` (3,) in site of a campaign's positions on a facade ('' for the whole building).
 
-    ``covariance_m2`` (3, 3); ``pairs``: number of defects that agree on it.
+    ``covariance_m2`` (3, 3); ``pairs``: number of defects that agree on it. ``limit_m``: the largest offset that the
+    georeferencing of both campaigns admits, of one that was refused.
     """
 
     facade: str
+    outcome: OffsetOutcome
     xyz_m: Float64x3
     covariance_m2: Float64x3x3
     pairs: int
+    limit_m: float | None = None
 
 
 def estimate_frame_offsets(known: DefectArrays, found: DefectArrays, sigma_m: float) -> list[FrameOffset]:
@@ -51,15 +59,28 @@ def estimate_frame_offsets(known: DefectArrays, found: DefectArrays, sigma_m: fl
         start = np.tile(building.xyz_m, (len(rows), 1))
         own = _estimate(known, on_facade, start, _FACADE_SIGMA_M, facade=facade)
         if own.pairs >= _PAIRS_MIN:
-            offsets.append(
-                FrameOffset(
-                    facade=facade,
-                    xyz_m=building.xyz_m + own.xyz_m,
-                    covariance_m2=own.covariance_m2,
-                    pairs=own.pairs,
-                )
-            )
+            offsets.append(replace(own, xyz_m=building.xyz_m + own.xyz_m))
     return offsets
+
+
+def find_jump(known: DefectArrays, found: DefectArrays, sigma_m: float) -> FrameOffset | None:
+    """An offset on which most defects agree, but which the campaigns' georeferencing does not admit; None: no such one.
+
+    Args:
+        known: known defects, as last seen.
+        found: defects of the next campaign.
+        sigma_m: one sigma of the offset that both campaigns' georeferencing admit.
+    """
+    limit_m = _ADMITTED_SIGMAS * sigma_m + _ADMITTED_FLOOR_M
+    if limit_m >= _SEARCHED_M:
+        return None
+    start = np.zeros((len(found), 3))
+    wide = _estimate(known, found, start, _SEARCHED_M, facade="")
+    if wide.pairs < _JUMP_PAIRS_MIN or float(np.linalg.norm(wide.xyz_m)) <= limit_m:
+        return None
+    admitted = _estimate(known, found, start, sigma_m, facade="")
+    enough = max(2 * admitted.pairs, _JUMP_SHARE * min(len(known), len(found)))
+    return replace(wide, outcome=OffsetOutcome.REFUSED, limit_m=limit_m) if wide.pairs >= enough else None
 
 
 def expand_offsets(offsets: list[FrameOffset], found: DefectArrays) -> Float64Nx3:
@@ -74,7 +95,9 @@ def _estimate(
     """Offset that remains after ``start_m`` (n, 3), with prior sigma ``sigma_m`` around zero."""
     pairs = find_candidates(known, found, start_m, sigma_m)
     prior = np.eye(3) / sigma_m**2
-    none = FrameOffset(facade=facade, xyz_m=np.zeros(3), covariance_m2=np.linalg.inv(prior), pairs=0)
+    none = FrameOffset(
+        facade=facade, outcome=OffsetOutcome.TOO_FEW, xyz_m=np.zeros(3), covariance_m2=np.linalg.inv(prior), pairs=0
+    )
     same = known.defect_class[pairs.known] == found.defect_class[pairs.found]
     if not same.any():
         return none
@@ -96,6 +119,7 @@ def _estimate(
         return none
     return FrameOffset(
         facade=facade,
+        outcome=OffsetOutcome.ESTIMATED,
         xyz_m=offset,
         covariance_m2=np.linalg.inv(prior + information[inlier].sum(axis=0)),
         pairs=int(min(len(np.unique(i[inlier])), len(np.unique(j[inlier])))),

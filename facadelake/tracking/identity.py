@@ -72,6 +72,11 @@ def format_track_id(building_id: str, number: int) -> str:
     return f"{building_id}-{number:04d}"
 
 
+def read_track_number(track_id: str) -> int:
+    """The number in the id of a track."""
+    return int(track_id.rpartition("-")[2])
+
+
 def _find_near(known: KnownTracks, chains: Chains) -> list[tuple[int, int, float]]:
     """Tracks and chains at one place, with a closeness from 0 at the reach to 1."""
     if not len(known.number) or not len(chains.xyz_site_m):

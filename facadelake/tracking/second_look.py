@@ -1,9 +1,9 @@
-"""A second look at one place of the surface in the photographs of two campaigns: the same, gone, or not to be told.
+"""A second look at one place of the surface in the photographs of two campaigns: same, gone, or not to be told.
 
-Each place is rectified from both campaigns onto one grid with one scale. Light is removed (band-pass of the logarithm of
-the grey values), every view is aligned with the best one within the accuracy of the poses, and each campaign's views are
-averaged: what differs between views of one campaign (reflections, parallax) is not part of the wall. The difference
-of the two averages is judged against what it is around the defect, where nothing changed.
+Each place is rectified from both campaigns onto one grid with one scale. Light is removed (band-pass of the logarithm
+of the grey values), every view is aligned with the best one within the accuracy of the poses, and each campaign's
+views are averaged: what differs between views of one campaign (reflections, parallax) is not part of the wall. The
+difference of the two averages is judged against what it is around the defect, where nothing changed.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from facadelake.core.arrays import BoolArray, Float64x3, UInt8Image
 from facadelake.core.camera import PosedCamera
 from facadelake.registration import compute_tangents
+from schemas.vocabulary import LookVerdict
 
 _FINE_CELLS, _COARSE_CELLS = 1.0, 8.0
 _SIDE_MAX = 481  # cells of a patch's side
@@ -26,10 +27,14 @@ _SURROUND_MIN_M = 0.35
 _BORDER = 5  # cells at the border, where the band-pass sees no surroundings
 _DARKEST = 8.0  # added to grey values before the logarithm: noise of the dark is not contrast
 _INSIDE_MIN = 0.9  # share of a patch that a photograph must show
-_ALIGNED_MIN = 0.2  # correlation below which a view shows something else
 _CHANGED_SIGMAS = 4.0
 _NOISE_FLOOR = 0.004  # of a difference, in log grey values
 _STEEPNESS_BINS = 8
+# Limits of the verdicts, found on the demo and on real photographs with painted defects (docs/history.md).
+_SAME_MIN, _SAME_EXTENT_MAX = 0.85, 0.35
+_RECOGNISED_MIN = 0.4
+_GONE_MAX, _GONE_DIFFERENCE_MIN, _GONE_LEFT_MAX = 0.7, 0.5, 0.4
+_HIDDEN_AROUND_MAX, _HIDDEN_MAX = 0.25, 0.5
 Detail = NDArray[np.float32]
 
 
@@ -69,7 +74,8 @@ class PatchGrid:
         """Points (h, w, 3) of the cells in site, rows from the top down."""
         across, upward = (axis[0] for axis in compute_tangents(place.normal_site[None]))
         columns, rows = (np.arange(-n, n + 1) * self.cell_m for n in self.half)
-        return place.xyz_site_m + columns[None, :, None] * across - rows[:, None, None] * upward
+        points: NDArray[np.float64] = place.xyz_site_m + columns[None, :, None] * across - rows[:, None, None] * upward
+        return points
 
 
 def rectify_patch(image: UInt8Image, posed: PosedCamera, place: Place, grid: PatchGrid) -> Detail | None:
@@ -98,81 +104,80 @@ def extract_detail(patch: Detail) -> Detail:
     return cv2.GaussianBlur(logs, (0, 0), _FINE_CELLS) - cv2.GaussianBlur(logs, (0, 0), _COARSE_CELLS)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True)
 class Comparison:
     """What two campaigns show of a place.
 
-    ``at_defect``, ``around``: correlations; ``changed_share``: share of the defect's cells that differ significantly,
-    and ``changed_around``; ``difference``: mean of the largest differences at the defect, over the contrast it has where
-    it was seen. ``contrast_seen``, ``contrast_other``: of the defect's cells, in the campaign in which it was seen and in
-    the other, and ``noise`` of a difference, all in log grey values. ``views``: number of photographs of each.
+    ``at_defect``, ``around``: correlations. ``extent``: diagonal of the largest connected change within the defect's
+    extents, over the defect's. ``difference``: mean of the largest differences at the defect, over the contrast that it
+    has where it was detected; ``left``: contrast in the other campaign, over that. ``cell_m``: cell of the patches.
     """
 
     at_defect: float
     around: float
-    changed_share: float
-    changed_around: float
-    difference: float
-    contrast_seen: float
-    contrast_other: float
-    noise: float
-    views: tuple[int, int]
-    cell_m: float
     extent: float
-    extent_around: float
+    difference: float
     left: float
-    dark: float
+    cell_m: float
 
 
-def compare_views(
-    seen: Sequence[Detail], other: Sequence[Detail], grid: PatchGrid, usable: BoolArray, tolerance_m: float
-) -> Comparison:
-    """Compare the views of a campaign in which a defect was seen with those of another.
+def compare_views(seen: Sequence[Detail], other: Sequence[Detail], grid: PatchGrid, tolerance_m: float) -> Comparison:
+    """Compare the views of a campaign in which a defect was detected with those of another.
 
     Args:
-        seen: details (h, w) of the first campaign, the best first.
-        other: of the other campaign.
+        seen: details (h, w) of the campaign that detected it.
+        other: details of the other campaign.
         grid: their grid.
-        usable: cells (h, w) that do not reflect or hide the wall.
         tolerance_m: accuracy of the poses, within which views are aligned.
     """
-    reference = max(seen, key=lambda view: max(_find_translation(view, one, tolerance_m / grid.cell_m)[0] for one in other))
-    everywhere = (grid.defect | grid.around) & usable
-    mean_seen = _average(_align_views(reference, seen, everywhere, tolerance_m / grid.cell_m))
-    mean_other = _average(_align_views(reference, other, everywhere, tolerance_m / grid.cell_m))
-    defect, around = grid.defect & usable, grid.around & usable
-    if np.count_nonzero(defect) < 0.3 * np.count_nonzero(grid.defect):  # in a window: the panes are all there is
-        defect = grid.defect
-    gain = np.clip(_fit_gain(mean_seen[around], mean_other[around]), 0.5, 2.0)
+    reach = tolerance_m / grid.cell_m
+    # The reference is the view that agrees best with the other campaign: another may show something before the wall.
+    reference = max(seen, key=lambda view: max(_find_translation(view, one, reach)[0] for one in other))
+    everywhere = grid.defect | grid.around
+    mean_seen = _average(_align_views(reference, seen, everywhere, reach))
+    mean_other = _average(_align_views(reference, other, everywhere, reach))
+    gain = np.clip(_fit_gain(mean_seen[grid.around], mean_other[grid.around]), 0.5, 2.0)
     difference = cv2.GaussianBlur(mean_other - gain * mean_seen, (0, 0), 1.0)
-    noise = _estimate_noise(difference, mean_seen, around)
-    significant = np.abs(difference) > _CHANGED_SIGMAS * noise
+    significant = np.abs(difference) > _CHANGED_SIGMAS * _estimate_noise(difference, mean_seen, grid.around)
+    contrast = max(_average_largest(mean_seen[grid.defect]), 1e-6)
     return Comparison(
-        at_defect=_correlate(mean_seen[defect], mean_other[defect]),
-        around=_correlate(mean_seen[around], mean_other[around]),
-        changed_share=float(significant[defect].mean()),
-        changed_around=float(significant[around].mean()) if around.any() else np.nan,
-        difference=_average_largest(difference[defect]) / max(_average_largest(mean_seen[defect]), 1e-6),
-        contrast_seen=_average_largest(mean_seen[defect]),
-        contrast_other=_average_largest(mean_other[defect]),
-        noise=float(np.median(noise[defect])),
-        views=(len(seen), len(other)),
+        at_defect=_correlate(mean_seen[grid.defect], mean_other[grid.defect]),
+        around=_correlate(mean_seen[grid.around], mean_other[grid.around]),
+        extent=_measure_extent(significant, grid),
+        difference=_average_largest(difference[grid.defect]) / contrast,
+        left=_average_largest(mean_other[grid.defect]) / contrast,
         cell_m=grid.cell_m,
-        extent=_measure_extent(significant, defect, grid),
-        extent_around=_measure_extent(significant, around, grid),
-        **_sign(significant, defect, gain * mean_seen, mean_other, difference),
     )
+
+
+def judge_comparison(found: Comparison) -> LookVerdict:
+    """The verdict of a comparison; where the evidence is for neither, ``undecided``."""
+    if np.isnan(found.at_defect):
+        return LookVerdict.UNDECIDED
+    around = np.nan_to_num(found.around, nan=0.0)
+    if found.at_defect >= _SAME_MIN and found.extent < _SAME_EXTENT_MAX:
+        return LookVerdict.SAME
+    faded = found.difference >= _GONE_DIFFERENCE_MIN or found.left < _GONE_LEFT_MAX
+    if around >= _RECOGNISED_MIN and found.at_defect < _GONE_MAX and faded:
+        return LookVerdict.GONE
+    if around < _HIDDEN_AROUND_MAX and found.at_defect < _HIDDEN_MAX:
+        return LookVerdict.HIDDEN
+    return LookVerdict.UNDECIDED
 
 
 def _align_views(reference: Detail, views: Sequence[Detail], cells: BoolArray, reach: float) -> list[Detail]:
     """The views moved onto the reference, without those that show something else than the best of them does."""
     aligned = [_align(reference, view, reach) for view in views]
     likeness = [np.nan_to_num(_correlate(reference[cells], view[cells]), nan=-1.0) for view in aligned]
-    return [view for view, like in zip(aligned, likeness, strict=True) if like >= 0.5 * max(likeness) or like == max(likeness)]
+    return [
+        view
+        for view, like in zip(aligned, likeness, strict=True)
+        if like >= 0.5 * max(likeness) or like == max(likeness)
+    ]
 
 
-def _align(reference: Detail, view: Detail, reach: float) -> Detail | None:
-    """``view`` moved onto ``reference``, by translation within ``reach`` cells, then affinely; None: something else."""
+def _align(reference: Detail, view: Detail, reach: float) -> Detail:
+    """``view`` moved onto ``reference``, by translation within ``reach`` cells, then affinely."""
     height, width = reference.shape
     _, column, row = _find_translation(reference, view, reach)
     warp = np.array([[1, 0, column], [0, 1, row]], dtype=np.float32)
@@ -193,7 +198,7 @@ def _align(reference: Detail, view: Detail, reach: float) -> Detail | None:
 def _find_translation(reference: Detail, view: Detail, reach: float) -> tuple[float, int, int]:
     """Correlation of ``view`` moved onto ``reference`` within ``reach`` cells, and the move in columns and rows."""
     height, width = reference.shape
-    cells = max(1, min(int(round(reach)), (height - 9) // 2, (width - 9) // 2))
+    cells = max(1, min(round(reach), (height - 9) // 2, (width - 9) // 2))
     scores = cv2.matchTemplate(view, reference[cells : height - cells, cells : width - cells], cv2.TM_CCOEFF_NORMED)
     row, column = np.unravel_index(int(np.argmax(scores)), scores.shape)
     return float(scores[row, column]), int(column) - cells, int(row) - cells
@@ -205,9 +210,9 @@ def _average(views: Sequence[Detail]) -> Detail:
     return median
 
 
-def _measure_extent(significant: BoolArray, where: BoolArray, grid: PatchGrid) -> float:
-    """Largest connected change within ``where``: its diagonal over the defect's."""
-    mask = (significant & where).astype(np.uint8)
+def _measure_extent(significant: BoolArray, grid: PatchGrid) -> float:
+    """Diagonal of the largest connected change at the defect, over the defect's."""
+    mask = (significant & grid.defect).astype(np.uint8)
     joined = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     count, _, stats, _ = cv2.connectedComponentsWithStats(joined, connectivity=8)
     if count < 2:
@@ -215,19 +220,6 @@ def _measure_extent(significant: BoolArray, where: BoolArray, grid: PatchGrid) -
     rows, columns = np.flatnonzero(grid.defect.any(axis=1)), np.flatnonzero(grid.defect.any(axis=0))
     size = np.hypot(stats[1:, cv2.CC_STAT_WIDTH], stats[1:, cv2.CC_STAT_HEIGHT]).max()
     return float(size / np.hypot(len(rows), len(columns)))
-
-
-def _sign(significant, where, seen, other, difference):
-    mask = (significant & where).astype(np.uint8)
-    joined = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(joined, connectivity=8)
-    if count < 2:
-        return {"left": np.nan, "dark": np.nan}
-    big = 1 + int(np.hypot(stats[1:, cv2.CC_STAT_WIDTH], stats[1:, cv2.CC_STAT_HEIGHT]).argmax())
-    cells = (labels == big) & (mask > 0)
-    s1, o1 = cv2.GaussianBlur(seen, (0, 0), 1.0)[cells], cv2.GaussianBlur(other, (0, 0), 1.0)[cells]
-    w = np.abs(difference[cells])
-    return {"left": float((w * np.abs(o1)).sum() / (w * np.abs(s1)).sum()), "dark": float((w * np.sign(difference[cells])).sum() / w.sum())}
 
 
 def _fit_gain(first: Detail, second: Detail) -> float:

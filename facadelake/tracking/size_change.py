@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import false_discovery_control, norm
 
-from facadelake.core.arrays import BoolArray, Float64Array, Float64N, RowIndices
+from facadelake.core.arrays import BoolArray, Float64N, RowIndices
 
 _RATE = 0.02  # of false discoveries among the changes called significant
 _SINGLE_SIGMA = 0.10  # of the logarithm of an extent seen once, where a campaign has no repeated sightings
@@ -23,8 +23,16 @@ _CHANGED_SIGMA = 0.35  # of the logarithm of the change of those that changed
 _PRIOR_PAIRS = 4.0
 
 
-def estimate_size_sigmas(log_size: Float64N, defect: RowIndices, count: int) -> Float64N:
-    """One sigma of the logarithm of each defect's median size, from the scatter of its sightings.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DefectSizes:
+    """A size of each defect (n,) as a logarithm, with one sigma; NaN where it was not measured."""
+
+    log_size: Float64N
+    sigma: Float64N
+
+
+def pool_sightings(log_size: Float64N, defect: RowIndices, count: int) -> DefectSizes:
+    """The median size of each defect's sightings, with one sigma from their scatter.
 
     The scatter is pooled over the campaign, since most defects have few sightings.
 
@@ -34,7 +42,7 @@ def estimate_size_sigmas(log_size: Float64N, defect: RowIndices, count: int) -> 
         count: number of defects.
 
     Returns:
-        The sigmas (count,).
+        The sizes (count,).
     """
     sightings = np.bincount(defect, minlength=count)
     order = np.lexsort((log_size, defect))
@@ -50,35 +58,58 @@ def estimate_size_sigmas(log_size: Float64N, defect: RowIndices, count: int) -> 
         single = _MAD_TO_SIGMA * float(np.median(np.abs(log_size - median[defect])[repeated] * share[repeated]))
     # The median of n has pi / 2 times the variance of the mean; of two it is the mean.
     efficiency = np.where(sightings >= 3, np.sqrt(np.pi / 2), 1.0)
-    sigma: Float64N = efficiency * single / np.sqrt(np.maximum(sightings, 1))
-    return sigma
+    sigma = efficiency * single / np.sqrt(np.maximum(sightings, 1))
+    return DefectSizes(log_size=median, sigma=np.where(has, sigma, np.nan))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SizeChange:
-    """Changes (k) of the logarithm of a size: ``log_change`` with ``sigma``; ``significant`` after control of the
-    false discovery rate."""
+    """Changes (k) of the logarithm of a size: ``log_change`` with ``sigma``, NaN where a size is missing.
+
+    ``scale``: factor on the stated sigmas that the unchanged defects show; ``sigma`` has it.
+    """
 
     log_change: Float64N
     sigma: Float64N
-    significant: BoolArray
+    scale: float
+
+    @property
+    def p_value(self) -> Float64N:
+        """Probability (k,) of such a change, or a larger one, of a defect that did not change; NaN where unknown."""
+        p: Float64N = 2 * norm.sf(np.abs(self.log_change) / self.sigma)
+        return p
 
 
-def compare_sizes(log_before: Float64N, sigma_before: Float64N, log_after: Float64N, sigma_after: Float64N) -> SizeChange:
-    """Changes of k defects between two campaigns; NaN where a size is missing.
+def compare_sizes(
+    log_before: Float64N, sigma_before: Float64N, log_after: Float64N, sigma_after: Float64N
+) -> SizeChange:
+    """Changes of k defects between two campaigns.
 
-    Source: Benjamini and Hochberg 1995, JRSS B 57, for the control of the false discovery rate.
+    Args:
+        log_before: logarithms (k,) of the sizes before.
+        sigma_before: one sigma of each.
+        log_after: of the sizes after.
+        sigma_after: one sigma of each.
     """
     change = log_after - log_before
     sigma = np.hypot(sigma_before, sigma_after)
     known = np.isfinite(change) & np.isfinite(sigma) & (sigma > 0)
-    if np.count_nonzero(known) >= _PAIRS_MIN:
-        sigma = sigma * _estimate_scale(change[known], sigma[known])
-    significant = np.zeros(len(change), dtype=bool)
+    scale = _estimate_scale(change[known], sigma[known]) if np.count_nonzero(known) >= _PAIRS_MIN else 1.0
+    return SizeChange(
+        log_change=np.where(known, change, np.nan), sigma=np.where(known, scale * sigma, np.nan), scale=scale
+    )
+
+
+def select_significant(p_value: Float64N) -> BoolArray:
+    """The changes (k,) that are significant with 2 % false discoveries at most; NaN is not.
+
+    Source: Benjamini and Hochberg 1995, JRSS B 57.
+    """
+    significant = np.zeros(len(p_value), dtype=bool)
+    known = np.isfinite(p_value)
     if known.any():
-        p = 2 * norm.sf(np.abs(change[known]) / sigma[known])
-        significant[known] = false_discovery_control(p) <= _RATE
-    return SizeChange(log_change=change, sigma=np.where(known, sigma, np.nan), significant=significant)
+        significant[known] = false_discovery_control(p_value[known]) <= _RATE
+    return significant
 
 
 def _estimate_scale(change: Float64N, sigma: Float64N) -> float:
@@ -95,58 +126,3 @@ def _estimate_scale(change: Float64N, sigma: Float64N) -> float:
         scale = float(np.sqrt((np.sum(share * (change / sigma) ** 2) + _PRIOR_PAIRS) / (share.sum() + _PRIOR_PAIRS)))
         unchanged = float((share.sum() + 4) / (len(change) + 5))
     return max(1.0, scale)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Trend:
-    """Trend of a size: ``per_year`` with its 95 % interval (2,), in the size's unit, from ``campaigns`` sightings."""
-
-    per_year: float
-    interval_per_year: Float64Array
-    campaigns: int
-    draws_per_year: Float64Array
-    draws_level: Float64Array
-
-
-def fit_trend(year: Float64N, size: Float64N, sigma: Float64N, *, draws: int = 1000) -> Trend | None:
-    """Theil-Sen slope of a size over three or more campaigns, its interval from the sizes' own sigmas.
-
-    Args:
-        year: times (n,) in years.
-        size: sizes (n,).
-        sigma: one sigma of each (n,).
-        draws: number of draws of the sizes' errors.
-
-    Returns:
-        The trend; None for fewer than three sizes or none between different times.
-    """
-    known = np.isfinite(size) & np.isfinite(sigma)
-    year, size, sigma = year[known], size[known], sigma[known]
-    first, second = np.triu_indices(len(year), 1)
-    apart = year[second] != year[first]
-    first, second = first[apart], second[apart]
-    if len(year) < 3 or not len(first):
-        return None
-    drawn = size + sigma * np.random.default_rng(0).normal(size=(draws, len(year)))
-    drawn[0] = size
-    slopes = np.median((drawn[:, second] - drawn[:, first]) / (year[second] - year[first]), axis=1)
-    level = np.median(drawn - slopes[:, None] * year, axis=1)
-    return Trend(
-        per_year=float(slopes[0]),
-        interval_per_year=np.percentile(slopes, [2.5, 97.5]),
-        campaigns=len(year),
-        draws_per_year=slopes,
-        draws_level=level,
-    )
-
-
-def predict_limit(trend: Trend, limit: float) -> Float64Array | None:
-    """Earliest, most likely and latest year (3,) at which a size reaches a limit; None where that cannot be said.
-
-    It cannot be said where the trend's interval includes no growth.
-    """
-    if trend.interval_per_year[0] <= 0:
-        return None
-    years = (limit - trend.draws_level) / trend.draws_per_year
-    low, high = np.percentile(years, [2.5, 97.5])
-    return np.array([low, years[0], high])

@@ -7,105 +7,119 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 
+from schemas.vocabulary import LookVerdict, StateEvidence, TrackState
 
-class TrackState(StrEnum):
-    """State of a track in a campaign."""
-
-    NEW = "new"
-    FIRST_SEEN = "first_seen"
-    SEEN = "seen"
-    GROWN = "grown"
-    SHRUNK = "shrunk"
-    REPAIRED = "repaired"
-    NOT_FOUND = "not_found"
-    NOT_IMAGED = "not_imaged"
-    REOPENED = "reopened"
-
-
-class Verdict(StrEnum):
-    """What a look at a defect's place in another campaign says.
-
-    ``same``: the defect looks as it did. ``gone``: the wall is recognised, and the defect's look is not there any
-    more. ``undecided``: imaged, and evidence for neither. ``hidden``: something else is before the wall.
-    ``unseen``: no photograph shows the place well enough.
-    """
-
-    SAME = "same"
-    GONE = "gone"
-    UNDECIDED = "undecided"
-    HIDDEN = "hidden"
-    UNSEEN = "unseen"
+# What a state given by a person says of the defect's presence; the others say nothing of it.
+_ABSENT = frozenset({TrackState.REPAIRED})
+_UNKNOWN = frozenset({TrackState.NOT_FOUND, TrackState.NOT_IMAGED})
+_EVIDENCE = {
+    LookVerdict.SAME: StateEvidence.LOOKS_THE_SAME,
+    LookVerdict.GONE: StateEvidence.LOOKS_REPAIRED,
+    LookVerdict.UNDECIDED: StateEvidence.LOOK_UNDECIDED,
+    LookVerdict.HIDDEN: StateEvidence.HIDDEN,
+    LookVerdict.NOT_IN_VIEW: StateEvidence.NOT_IN_VIEW,
+    LookVerdict.NO_PHOTOGRAPH: StateEvidence.NO_PHOTOGRAPH,
+}
+_NOT_SEEN = {
+    LookVerdict.GONE: TrackState.REPAIRED,
+    LookVerdict.UNDECIDED: TrackState.NOT_FOUND,
+    LookVerdict.NO_PHOTOGRAPH: TrackState.NOT_FOUND,
+    LookVerdict.HIDDEN: TrackState.NOT_IMAGED,
+    LookVerdict.NOT_IN_VIEW: TrackState.NOT_IMAGED,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sighting:
-    """A defect of a campaign that belongs to the track; ``change``: 1 grown, -1 shrunk, 0 neither, against the sighting
-    before."""
+class TrackEvidence:
+    """What is known of one track, by campaign.
 
-    defect_id: str
-    change: int = 0
+    ``sightings``: campaigns that detected it, with its change against the detection before: 1 grown, -1 shrunk, 0
+    neither. ``parts``: campaigns in which a defect of another track covers its place. ``looks``: verdicts in the other
+    campaigns. ``reviews``: states given by persons.
+    """
+
+    sightings: Mapping[str, int]
+    looks: Mapping[str, LookVerdict]
+    parts: frozenset[str] = frozenset()
+    reviews: Mapping[str, TrackState] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class StateInCampaign:
-    """State of a track in a campaign; ``by_comparison``: seen by the look of its place, without a detection."""
+    """State of a track in a campaign; ``present``: whether it was there, None where that is not known."""
 
     campaign_id: str
     state: TrackState
-    by_comparison: bool
+    evidence: StateEvidence
+    present: bool | None
 
 
-def decide_states(
-    campaigns: Sequence[str], sightings: Mapping[str, Sighting], looks: Mapping[str, Verdict]
-) -> list[StateInCampaign]:
+def decide_states(campaigns: Sequence[str], known: TrackEvidence) -> list[StateInCampaign]:
     """States of one track in every campaign from the first in which it was there.
+
+    A place that looked the same before its first detection bore the defect already: the track begins there. It is
+    ``new`` where a campaign before that imaged the place well and did not show it.
 
     Args:
         campaigns: the building's campaigns in order of capture.
-        sightings: sightings of the track by campaign, one at least.
-        looks: verdict on its place, against the nearest sighting, in the campaigns without a sighting.
+        known: what is known of the track; it has one detection at least.
 
     Returns:
-        One state a campaign. Campaigns before the first sighting have one only where the look was the same (the
-        detector missed it then).
+        One state a campaign.
     """
-    first = next(k for k, campaign in enumerate(campaigns) if campaign in sightings)
+    presence = [_judge_presence(campaign, known) for campaign in campaigns]
+    first = next(k for k, campaign in enumerate(campaigns) if campaign in known.sightings)
     begin = first
-    # Backwards: a place that looked the same before its first sighting bore the defect already.
     for k in range(first - 1, -1, -1):
-        verdict = looks.get(campaigns[k], Verdict.UNSEEN)
-        if verdict is Verdict.SAME:
+        if presence[k] is True:
             begin = k
-        elif verdict is Verdict.GONE:
+        elif presence[k] is False:
             break
-    seen_well_before = any(
-        looks.get(campaign, Verdict.UNSEEN) is Verdict.GONE for campaign in campaigns[:begin]
-    )
+    reviews = known.reviews or {}
     states: list[StateInCampaign] = []
     repaired = False
     for k in range(begin, len(campaigns)):
         campaign = campaigns[k]
-        sighting, verdict = sightings.get(campaign), looks.get(campaign, Verdict.UNSEEN)
-        there = sighting is not None or verdict is Verdict.SAME
         if k == begin:
-            state = TrackState.NEW if seen_well_before else TrackState.FIRST_SEEN
-        elif there and repaired:
+            state = TrackState.NEW if False in presence[:begin] else TrackState.FIRST_SEEN
+        elif presence[k] and repaired:
             state = TrackState.REOPENED
-        elif sighting is not None:
-            state = {1: TrackState.GROWN, -1: TrackState.SHRUNK, 0: TrackState.SEEN}[sighting.change]
-        elif verdict is Verdict.SAME:
-            state = TrackState.SEEN
-        elif verdict is Verdict.GONE:
-            state = TrackState.REPAIRED
-        elif verdict is Verdict.UNDECIDED:
-            state = TrackState.NOT_FOUND
+        elif presence[k]:
+            state = {1: TrackState.GROWN, -1: TrackState.SHRUNK}.get(known.sightings.get(campaign, 0), TrackState.SEEN)
         else:
-            state = TrackState.NOT_IMAGED
-        if there:
-            repaired = False
-        elif state is TrackState.REPAIRED:
-            repaired = True
-        states.append(StateInCampaign(campaign_id=campaign, state=state, by_comparison=sighting is None and there))
+            state = _NOT_SEEN.get(_get_verdict(campaign, known), TrackState.NOT_FOUND)
+        repaired = presence[k] is False or (repaired and presence[k] is None)
+        states.append(
+            StateInCampaign(
+                campaign_id=campaign,
+                state=reviews.get(campaign, state),
+                evidence=_name_evidence(campaign, known),
+                present=presence[k],
+            )
+        )
     return states
+
+
+def _get_verdict(campaign: str, known: TrackEvidence) -> LookVerdict:
+    return known.looks.get(campaign, LookVerdict.NOT_IN_VIEW)
+
+
+def _judge_presence(campaign: str, known: TrackEvidence) -> bool | None:
+    """Whether the defect was there: a person's word counts, then a detection, then the look."""
+    review = (known.reviews or {}).get(campaign)
+    if review is not None:
+        return None if review in _UNKNOWN else review not in _ABSENT
+    if campaign in known.sightings or campaign in known.parts:
+        return True
+    return {LookVerdict.SAME: True, LookVerdict.GONE: False}.get(_get_verdict(campaign, known))
+
+
+def _name_evidence(campaign: str, known: TrackEvidence) -> StateEvidence:
+    if campaign in (known.reviews or {}):
+        return StateEvidence.REVIEW
+    if campaign in known.sightings:
+        return StateEvidence.DETECTED
+    if campaign in known.parts:
+        return StateEvidence.PART_OF_OTHER
+    return _EVIDENCE[_get_verdict(campaign, known)]

@@ -109,7 +109,12 @@ def test_a_lake_of_schema_1_under_a_path_with_a_quote(lake: Path, tmp_path: Path
 def test_a_lake_of_a_later_schema_is_read_and_migrated(tmp_path: Path, schema: int) -> None:
     lake = extract(tmp_path, schema)
     then = {table: read_table(lake, table) for table in LAKE_TABLES}
-    assert {table for table, rows in then.items() if not len(rows)} <= {"reviews", "track_reviews", "coverage", *HISTORY_TABLES}
+    assert {table for table, rows in then.items() if not len(rows)} <= {
+        "reviews",
+        "track_reviews",
+        "coverage",
+        *HISTORY_TABLES,
+    }
     assert then["defects"].column("severity_low").null_count == len(then["defects"])
     with open_to_read(lake) as connection:
         assert get_schema_version(connection) == schema

@@ -1,0 +1,5 @@
+"""One identity of a defect across campaigns: how it is matched, looked at again, and what became of it."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

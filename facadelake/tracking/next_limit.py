@@ -1,0 +1,79 @@
+"""When a trend reaches the next limit of a rule pack: the pack itself is asked, with larger and larger sizes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from facadelake.core.arrays import Float64N
+from facadelake.severity import grade_defects, read_rule_pack
+from schemas.vocabulary import TrendQuantity
+
+_FACTOR_MAX, _COARSE_STEPS, _FINE_STEPS = 20.0, 100, 40
+
+
+@dataclass(frozen=True, kw_only=True)
+class NextLimit:
+    """The smallest ``size`` of a quantity, in its unit, at which a rule pack gives a worse ``severity``."""
+
+    size: float
+    severity: str
+
+
+def find_next_limits(defects: pa.Table, quantities: Sequence[TrendQuantity], rule_file: Path) -> list[NextLimit | None]:
+    """The next limit of each defect when one of its sizes grows; None where twenty times the size changes nothing.
+
+    Args:
+        defects: rows of table ``defects``.
+        quantities: the size that grows, of each.
+        rule_file: the rule pack.
+    """
+    count = len(defects)
+    coarse = np.geomspace(1.0, _FACTOR_MAX, _COARSE_STEPS)
+    first = _find_worse(defects, quantities, np.tile(coarse, (count, 1)), rule_file)
+    low = np.array([coarse[max(step - 1, 0)] if step else 1.0 for step, _ in first])
+    high = np.array([coarse[step] if step else 1.0 for step, _ in first])
+    fine = np.geomspace(low, high, _FINE_STEPS, axis=1)
+    second = _find_worse(defects, quantities, np.concatenate([np.ones((count, 1)), fine], axis=1), rule_file)
+    found: list[NextLimit | None] = []
+    for row, (step, severity) in enumerate(second):
+        size = defects.column(quantities[row])[row].as_py()
+        known = step > 0 and severity is not None and size is not None
+        found.append(NextLimit(size=size * float(fine[row, step - 1]), severity=str(severity)) if known else None)
+    return found
+
+
+def _find_worse(
+    defects: pa.Table, quantities: Sequence[TrendQuantity], factors: Float64N, rule_file: Path
+) -> list[tuple[int, str | None]]:
+    """The first column of ``factors`` (n, k) at which each defect is graded worse than at the first, and how; 0: none."""
+    ranks = {word: rank for rank, word in enumerate(read_rule_pack(rule_file.stem, rule_file.parent).severities)}
+    rows: list[dict[str, Any]] = []
+    for place, row in enumerate(defects.to_pylist()):
+        for step, factor in enumerate(factors[place].tolist()):
+            rows.append({**row, **_scale(row, quantities[place], factor), "defect_id": f"{place}|{step}"})
+    graded = grade_defects(pa.Table.from_pylist(rows, schema=defects.schema), rule_file).column("severity").to_pylist()
+    words = np.array(graded, dtype=object).reshape(factors.shape)
+    found: list[tuple[int, str | None]] = []
+    for line in words:
+        worse = [step for step, word in enumerate(line) if ranks[word] < ranks[line[0]]]
+        found.append((worse[0], line[worse[0]]) if worse else (0, None))
+    return found
+
+
+def _scale(row: dict[str, Any], quantity: TrendQuantity, factor: float) -> dict[str, float | None]:
+    """The columns of a defect that change when one of its sizes does."""
+
+    def times(names: Sequence[str], by: float) -> dict[str, float | None]:
+        return {name: None if row[name] is None else row[name] * by for name in names}
+
+    if quantity is TrendQuantity.CRACK_WIDTH:
+        return times(("crack_width_mm", "crack_width_max_mm"), factor)
+    if quantity is TrendQuantity.LENGTH:
+        return times(("length_m", "width_m", "height_m", "area_m2"), factor)
+    return {**times(("length_m", "width_m", "height_m"), float(np.sqrt(factor))), **times(("area_m2",), factor)}

@@ -1,0 +1,101 @@
+"""Columns of table ``tracks`` that say how a defect grows, and when it reaches the next limit of its rule pack."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from facadelake.tracking.campaign_defects import CLASSES
+from facadelake.tracking.linked import TESTED, YEAR, LinkedHistory
+from facadelake.tracking.next_limit import NextLimit, find_next_limits
+from facadelake.tracking.trend import Trend, fit_trend, predict_limit
+from schemas.vocabulary import DefectClass, TrendQuantity
+
+_EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
+_HORIZON_YEARS = 100.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ChainTrend:
+    quantity: TrendQuantity
+    trend: Trend
+
+
+def describe_trends(history: LinkedHistory, rule_file: Path) -> list[dict[str, Any]]:
+    """The trend columns of each chain; ``trend_remark`` says what cannot be said, and why."""
+    found = [_choose_trend(history, chain) for chain in range(len(history.sightings))]
+    growing = [k for k, one in enumerate(found) if one is not None and one.trend.interval_per_year[0] > 0]
+    limits = dict(zip(growing, _find_limits(history, growing, found, rule_file), strict=True)) if growing else {}
+    return [_describe(one, limits.get(k), k in limits) for k, one in enumerate(found)]
+
+
+def _choose_trend(history: LinkedHistory, chain: int) -> _ChainTrend | None:
+    """The trend that differs from zero, else the first that there is."""
+    sightings = [history.sightings[chain][k] for k in sorted(history.sightings[chain])]
+    last = history.campaigns[sightings[-1].campaign].tracked.defects
+    name = DefectClass(CLASSES[last.defect_class[sightings[-1].row]])
+    year = np.array([(history.campaigns[one.campaign].tracked.captured_at - _EPOCH) / YEAR for one in sightings])
+    trends = []
+    for quantity in TESTED[name]:
+        sizes = [history.campaigns[one.campaign].sizes[quantity] for one in sightings]
+        scale = max(history.scales.get((one.campaign, quantity), 1.0) for one in sightings)
+        size = np.exp([size.log_size[one.row] for size, one in zip(sizes, sightings, strict=True)])
+        sigma = scale * size * np.array([size.sigma[one.row] for size, one in zip(sizes, sightings, strict=True)])
+        trend = fit_trend(year, size, sigma)
+        if trend is not None:
+            trends.append(_ChainTrend(quantity=quantity, trend=trend))
+    return next((one for one in trends if np.prod(one.trend.interval_per_year) > 0), trends[0] if trends else None)
+
+
+def _find_limits(
+    history: LinkedHistory, chains: Sequence[int], found: Sequence[_ChainTrend | None], rule_file: Path
+) -> list[NextLimit | None]:
+    """The next limit of each of some chains, from its last detection."""
+    limits: list[NextLimit | None] = [None] * len(chains)
+    last = {chain: history.sightings[chain][max(history.sightings[chain])] for chain in chains}
+    for campaign in sorted({one.campaign for one in last.values()}):
+        places = [k for k, chain in enumerate(chains) if last[chain].campaign == campaign]
+        rows = [last[chains[k]].row for k in places]
+        quantities = [one.quantity for k in places if (one := found[chains[k]]) is not None]
+        table = history.campaigns[campaign].defect_table.take(rows)
+        for place, limit in zip(places, find_next_limits(table, quantities, rule_file), strict=True):
+            limits[place] = limit
+    return limits
+
+
+def _describe(one: _ChainTrend | None, limit: NextLimit | None, growing: bool) -> dict[str, Any]:
+    if one is None:
+        return {"trend_remark": "a trend needs three campaigns of different times that measured the defect"}
+    low, high = one.trend.interval_per_year.tolist()
+    columns = {
+        "trend_quantity": one.quantity,
+        "trend_per_year": one.trend.per_year,
+        "trend_low_per_year": low,
+        "trend_high_per_year": high,
+        "trend_count": one.trend.campaigns,
+    }
+    if not growing:
+        return {**columns, "trend_remark": "no time of a next limit: the trend's interval includes no growth"}
+    if limit is None:
+        return {
+            **columns,
+            "trend_remark": "no time of a next limit: the rule pack gives no worse word for a larger size",
+        }
+    years = predict_limit(one.trend, limit.size)
+    columns |= {"next_limit": limit.size, "next_severity": limit.severity}
+    if years is None:
+        return {**columns, "trend_remark": "no time of a next limit: the trend's interval includes no growth"}
+    times = [_convert_year(year) for year in years.tolist()]
+    if times[1] is None:
+        return {**columns, "trend_remark": f"the limit is more than {_HORIZON_YEARS:.0f} years away"}
+    return {**columns, "next_limit_from": times[0], "next_limit_at": times[1], "next_limit_to": times[2]}
+
+
+def _convert_year(year: float) -> datetime | None:
+    """The time of a year since 2000; None beyond the horizon."""
+    return _EPOCH + timedelta(days=year * 365.25) if abs(year) < _HORIZON_YEARS else None
