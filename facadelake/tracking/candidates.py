@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from facadelake.core.arrays import Float64Array, Float64N, Float64Nx3, RowIndices
+from facadelake.core.arrays import Float64Array, Float64N, Float64Nx3, Int64Array, RowIndices
 from facadelake.registration import compute_tangents
 from facadelake.tracking.campaign_defects import CLASSES, DefectArrays
 
@@ -59,7 +59,7 @@ def find_candidates(known: DefectArrays, found: DefectArrays, offset_m: Float64N
         The pairs, ordered by ``known`` and ``found``.
     """
     rows = _find_near(known, found, offset_m, reach_m)
-    i, j = rows[:, 0], rows[:, 1]
+    i, j = rows.T
     displacement = found.xyz_site_m[j] - offset_m[j] - known.xyz_site_m[i]
     across, upward = compute_tangents(known.normal_site[i])
     plane = np.stack([across, upward], axis=1)
@@ -94,7 +94,7 @@ def find_candidates(known: DefectArrays, found: DefectArrays, offset_m: Float64N
     )
 
 
-def _find_near(known: DefectArrays, found: DefectArrays, offset_m: Float64Nx3, reach_m: float) -> Float64Array:
+def _find_near(known: DefectArrays, found: DefectArrays, offset_m: Float64Nx3, reach_m: float) -> Int64Array:
     """Rows (k, 2) of pairs that can lie within the gate."""
     if not len(known) or not len(found):
         return np.zeros((0, 2), dtype=np.int64)
@@ -107,7 +107,8 @@ def _find_near(known: DefectArrays, found: DefectArrays, offset_m: Float64Nx3, r
     distance = np.linalg.norm(
         found.xyz_site_m[pairs[:, 1]] - offset_m[pairs[:, 1]] - known.xyz_site_m[pairs[:, 0]], axis=1
     )
-    return pairs[distance <= radius[pairs[:, 0], 0] + limit[pairs[:, 1]]]
+    inside: Int64Array = pairs[distance <= radius[pairs[:, 0], 0] + limit[pairs[:, 1]]]
+    return inside
 
 
 def _compute_radius(defects: DefectArrays, reach_m: float) -> Float64N:

@@ -94,9 +94,9 @@ def _estimate(
 ) -> FrameOffset:
     """Offset that remains after ``start_m`` (n, 3), with prior sigma ``sigma_m`` around zero."""
     pairs = find_candidates(known, found, start_m, sigma_m)
-    prior = np.eye(3) / sigma_m**2
+    prior: Float64x3x3 = np.eye(3) / sigma_m**2
     none = FrameOffset(
-        facade=facade, outcome=OffsetOutcome.TOO_FEW, xyz_m=np.zeros(3), covariance_m2=np.linalg.inv(prior), pairs=0
+        facade=facade, outcome=OffsetOutcome.TOO_FEW, xyz_m=np.zeros(3), covariance_m2=sigma_m**2 * np.eye(3), pairs=0
     )
     same = known.defect_class[pairs.known] == found.defect_class[pairs.found]
     if not same.any():

@@ -333,8 +333,9 @@ def _explain_offset(offset: FrameOffset, campaign_id: str, time_remark: str | No
         OffsetOutcome.ESTIMATED: f"{offset.pairs} defects agree on it; it is taken off before defects are matched",
         OffsetOutcome.REFUSED: (
             f"{offset.pairs} defects agree that the positions of {campaign_id} are "
-            f"{np.linalg.norm(offset.xyz_m):.2f} m off those of the campaigns before; the georeferencing of both admits {offset.limit_m or 0:.2f} m. Its "
-            "defects are not matched: inspect that campaign, or the one before, with other control"
+            f"{np.linalg.norm(offset.xyz_m):.2f} m off those of the campaigns before; the georeferencing of both "
+            f"admits {offset.limit_m or 0:.2f} m. Its defects are not matched: inspect that campaign, or the one "
+            "before, with other control"
         ),
     }[offset.outcome]
     return f"{words}; {time_remark}" if time_remark else words

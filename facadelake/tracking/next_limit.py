@@ -51,7 +51,7 @@ def find_next_limits(defects: pa.Table, quantities: Sequence[TrendQuantity], rul
 def _find_worse(
     defects: pa.Table, quantities: Sequence[TrendQuantity], factors: Float64N, rule_file: Path
 ) -> list[tuple[int, str | None]]:
-    """The first column of ``factors`` (n, k) at which each defect is graded worse than at the first, and how; 0: none."""
+    """The first column of ``factors`` (n, k) that each defect is graded worse for than for the first; 0: none."""
     ranks = {word: rank for rank, word in enumerate(read_rule_pack(rule_file.stem, rule_file.parent).severities)}
     rows: list[dict[str, Any]] = []
     for place, row in enumerate(defects.to_pylist()):

@@ -88,20 +88,25 @@ def rectify_patch(image: UInt8Image, posed: PosedCamera, place: Place, grid: Pat
         return None
     xy = np.clip(np.nan_to_num(xy), 0, (width - 1, height - 1))
     low, high = np.floor(xy.min(axis=0)).astype(int), np.ceil(xy.max(axis=0)).astype(int) + 2
-    crop = image[low[1] : high[1], low[0] : high[0]].astype(np.float32)
+    crop: Detail = image[low[1] : high[1], low[0] : high[0]].astype(np.float32)
     sample = (xy - low).astype(np.float32).reshape(points.shape[0], points.shape[1], 2)
     # Cells larger than a pixel are means of pixels: without that, fine texture aliases.
     spread = float(np.linalg.norm(np.diff(sample, axis=1), axis=2).mean())
     if spread > 1.5:
-        crop = cv2.GaussianBlur(crop, (0, 0), 0.4 * spread)
-    patch: Detail = cv2.remap(crop, sample, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return patch
+        crop = _blur(crop, 0.4 * spread)
+    columns, rows = sample[..., 0], sample[..., 1]
+    return np.asarray(cv2.remap(crop, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
+
+
+def _blur(values: Detail, sigma: float) -> Detail:
+    return np.asarray(cv2.GaussianBlur(values, (0, 0), sigma), dtype=np.float32)
 
 
 def extract_detail(patch: Detail) -> Detail:
     """Band-pass of the logarithm of the grey values: free of noise, shading and exposure."""
-    logs = np.log(patch + _DARKEST)
-    return cv2.GaussianBlur(logs, (0, 0), _FINE_CELLS) - cv2.GaussianBlur(logs, (0, 0), _COARSE_CELLS)
+    logs: Detail = np.log(patch + np.float32(_DARKEST))
+    detail: Detail = _blur(logs, _FINE_CELLS) - _blur(logs, _COARSE_CELLS)
+    return detail
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +142,7 @@ def compare_views(seen: Sequence[Detail], other: Sequence[Detail], grid: PatchGr
     mean_seen = _average(_align_views(reference, seen, everywhere, reach))
     mean_other = _average(_align_views(reference, other, everywhere, reach))
     gain = np.clip(_fit_gain(mean_seen[grid.around], mean_other[grid.around]), 0.5, 2.0)
-    difference = cv2.GaussianBlur(mean_other - gain * mean_seen, (0, 0), 1.0)
+    difference = _blur(mean_other - np.float32(gain) * mean_seen, 1.0)
     significant = np.abs(difference) > _CHANGED_SIGMAS * _estimate_noise(difference, mean_seen, grid.around)
     contrast = max(_average_largest(mean_seen[grid.defect]), 1e-6)
     return Comparison(
@@ -184,15 +189,17 @@ def _align(reference: Detail, view: Detail, reach: float) -> Detail:
     start = warp.copy()
     try:
         criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
-        _, warp = cv2.findTransformECC(reference, view, warp, cv2.MOTION_AFFINE, criteria, None, 3)
+        everywhere = np.full(reference.shape, 255, dtype=np.uint8)
+        _, found = cv2.findTransformECC(reference, view, warp, cv2.MOTION_AFFINE, criteria, everywhere, 3)
+        warp = np.asarray(found, dtype=np.float32)
     except cv2.error:  # no convergence: the translation stands
         warp = start
     corners = np.array([[0, 0, 1], [width, 0, 1], [0, height, 1], [width, height, 1]]).T
     if np.abs(warp @ corners - start @ corners).max() > 3 + 0.05 * max(height, width):
         warp = start
-    return cv2.warpAffine(
-        view, warp, (width, height), flags=cv2.INTER_LINEAR + cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REFLECT
-    )
+    flags = cv2.INTER_LINEAR + cv2.WARP_INVERSE_MAP
+    moved = cv2.warpAffine(view, warp, (width, height), flags=flags, borderMode=cv2.BORDER_REFLECT)
+    return np.asarray(moved, dtype=np.float32)
 
 
 def _find_translation(reference: Detail, view: Detail, reach: float) -> tuple[float, int, int]:
