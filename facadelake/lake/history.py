@@ -14,6 +14,7 @@ from facadelake.core.errors import HistoryOutdatedError, SchemaError
 from facadelake.lake.connect import LOCK_TIMEOUT_S
 from facadelake.lake.damage import wrap_lake_errors
 from facadelake.lake.migrate import open_to_write
+from facadelake.lake.read import read_tables
 from facadelake.lake.transaction import get_last_version, insert, make_version
 from schemas.tables import HISTORY_TABLES
 
@@ -54,6 +55,9 @@ def commit_history(
         wrap_lake_errors(lake, f"writing the history of {building_id} to the lake {lake}", _REMEDY),
     ):
         require_current_history(connection, history, building_id, but=None)
+        held = read_tables(lake, list(HISTORY_TABLES), building_id=building_id)
+        if all(held[name].equals(history.tables[name]) for name in HISTORY_TABLES):
+            return None
         with make_version(connection, f"{building_id} tracked", {"building_id": building_id, "tracked": True}):
             replace_history(connection, history, building_id)
         version = get_last_version(connection)

@@ -17,7 +17,7 @@ from facadelake.core.errors import CodeVersionError
 FOLDERS = ("cli", "facadelake", "flows", "tasks", "schemas", "sql", "data")
 STAGES = (
     "detect", "draw", "georeference", "import_detections", "import_poses", "ingest", "load_model", "measure",
-    "measure_coverage", "merge", "reconstruct", "register", "validate", "verify_model", "without_model",
+    "measure_coverage", "merge", "reconstruct", "register", "track", "validate", "verify_model", "without_model",
 )  # fmt: skip
 
 # What is changed, and the stages whose results depend on it: (kind, file, stages).
@@ -45,7 +45,7 @@ PLANTED = [
     ("deep import", "facadelake/sfm/free_space.py", ["verify_model", "without_model"]),
     ("deep import", "facadelake/measurement/blur_map.py", ["measure_coverage"]),
     ("SQL check", "sql/checks/covariances_of_poses.sql", ["validate"]),
-    ("rule pack", "data/severity/bre251_v1.sql", ["merge"]),
+    ("rule pack", "data/severity/bre251_v1.sql", ["merge", "track"]),
 ]
 # What only draws, prints, evaluates, reviews or demonstrates, and the stages whose keys must not change with it.
 COMPUTING = tuple(stage for stage in STAGES if stage != "draw")

@@ -14,7 +14,7 @@ import shapely
 
 from facadelake.core.tables import add_run_keys, table_from_rows
 from facadelake.lake.commit import CommitResult, commit_campaign
-from schemas.tables import TABLES
+from schemas.tables import HISTORY_TABLES, TABLES
 
 REPOSITORY = Path(__file__).resolve().parents[3]
 BUILDING, CAMPAIGN = "tower", "2026-04"
@@ -190,6 +190,25 @@ def stage_tables(**settings: Any) -> dict[str, pa.Table]:
     """The small campaign as stage tables; settings as of ``rows``."""
     made = rows(**settings)
     return {name: table_from_rows(name, made[name]) for name in TABLES}
+
+
+def history_tables(
+    *, building_id: str = BUILDING, campaign_id: str = CAMPAIGN, run_id: str = "run-1", **settings: Any
+) -> dict[str, pa.Table]:
+    """The history of the small campaign as a building's first one: every defect begins a track."""
+    key = {"building_id": building_id, "campaign_id": campaign_id, "run_id": run_id}
+    tracks, states = [], []
+    names = {column.name for column in HISTORY_TABLES["tracks"].columns}
+    for number, defect in enumerate(rows(**settings)["defects"], start=1):
+        track = {**key, "track_id": f"{building_id}-{number:04d}", "track_state": "first_seen"}
+        shared = {name: value for name, value in defect.items() if name in names}
+        seen = {"first_campaign": campaign_id, "last_campaign": campaign_id, "detected_campaign": campaign_id}
+        tracks.append({**shared, **track, **seen, "withdrawn": False, "detected_count": 1})
+        own = {name: defect[name] for name in ("defect_id", "defect_class", "geometry")}
+        states.append({**track, **own, "state_evidence": "detected"})
+    offset = {**key, "facade": "", "offset_outcome": "first", "offset_count": 0, "detail": "the first campaign"}
+    made = {"tracks": tracks, "track_states": states, "frame_offsets": [offset]}
+    return {name: table_from_rows(name, made.get(name, [])) for name in HISTORY_TABLES}
 
 
 def lake_tables(

@@ -12,8 +12,8 @@ from facadelake.core.errors import SchemaError
 from facadelake.core.sql_files import read_statements
 from facadelake.core.tables import get_stage_schema
 from facadelake.lake.checks import CHECKED, CHECKS, format_failures, select_failures, validate
-from schemas.tables import RUN_KEYS, TABLES
-from tests.unit.lake.small_campaign import REPOSITORY, lake_tables, rows, stage_tables
+from schemas.tables import HISTORY_TABLES, RUN_KEYS, TABLES
+from tests.unit.lake.small_campaign import REPOSITORY, history_tables, lake_tables, rows, stage_tables
 
 
 def loose(name: str, made: list[dict[str, Any]]) -> pa.Table:
@@ -32,7 +32,11 @@ def checked(tmp_path_factory: pytest.TempPathFactory) -> dict[str, pa.Table]:
     del bad["georeference"][0]["control"]
     bad["campaigns"] *= 2
     bad["elements"] = []
-    tables = {"good": lake_tables(defects=200), "bad": {name: loose(name, bad[name]) for name in CHECKED}}
+    bad |= dict.fromkeys(HISTORY_TABLES, [])
+    tables = {
+        "good": {**lake_tables(defects=200), **history_tables(defects=200)},
+        "bad": {name: loose(name, bad[name]) for name in CHECKED},
+    }
     (folder / "tables").write_bytes(pickle.dumps(tables))
     code = (
         "import pathlib, pickle, sys\n"
@@ -77,7 +81,7 @@ def test_bad_values_of_one_table_are_rows_that_failed(checked: dict[str, pa.Tabl
 
 
 def test_wrong_columns_are_refused_at_once() -> None:
-    tables = stage_tables()
+    tables = {**stage_tables(), **history_tables()}
     with pytest.raises(SchemaError, match="table poses is missing"):
         validate({name: table for name, table in tables.items() if name != "poses"})
     with pytest.raises(SchemaError, match="table poses has the columns"):

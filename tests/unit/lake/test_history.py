@@ -1,0 +1,68 @@
+"""A building's history is replaced as a whole, with a commit or by itself, and never by one that is out of date."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pyarrow as pa
+import pytest
+
+from facadelake.core.errors import HistoryOutdatedError, SchemaError
+from facadelake.lake.commit import commit_campaign
+from facadelake.lake.history import TrackedHistory, commit_history
+from facadelake.lake.read import read_table
+from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, INPUTS, commit, history_tables, lake_tables
+
+IDS = {f"{BUILDING}-{number:04d}" for number in (1, 2, 3)}
+
+
+def track(known: frozenset[str] = frozenset(), run_id: str = "run-1", **changed: pa.Table) -> TrackedHistory:
+    return TrackedHistory(
+        tables={**history_tables(run_id=run_id), **changed}, run_ids={CAMPAIGN: run_id}, known_tracks=known
+    )
+
+
+def commit_with(lake: Path, history: TrackedHistory, run_id: str = "run-1", note: str = "a") -> int:
+    keys = {"building_id": BUILDING, "campaign_id": CAMPAIGN, "run_id": run_id}
+    tables = lake_tables(run_id=run_id, note=note, inputs=INPUTS if note == "a" else note * 64)
+    inputs = tables["runs"].column("inputs_sha256")[0].as_py()
+    return commit_campaign(lake, tables=tables, inputs_sha256=inputs, history=history, **keys).version
+
+
+def read_ids(lake: Path, as_of: int | None = None) -> set[str]:
+    return set(read_table(lake, "tracks", as_of=as_of).column("track_id").to_pylist())
+
+
+def test_a_campaign_and_its_history_are_one_version(tmp_path: Path) -> None:
+    first = commit_with(tmp_path, track())
+    assert read_ids(tmp_path) == IDS
+    fewer = history_tables(run_id="run-2")["tracks"].slice(0, 2)
+    second = commit_with(tmp_path, track(frozenset(IDS), "run-2", tracks=fewer), "run-2", note="b")
+    assert second > first and len(read_ids(tmp_path)) == 2
+    assert read_ids(tmp_path, as_of=first) == IDS
+
+
+def test_a_history_of_other_campaigns_or_tracks_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
+    commit_with(tmp_path, track())
+    with pytest.raises(HistoryOutdatedError, match="another process has committed meanwhile"):
+        commit_with(tmp_path, track(frozenset(), "run-2"), "run-2", note="b")  # did not know of the tracks
+    assert read_table(tmp_path, "runs").column("run_id").to_pylist() == ["run-1"]
+    commit(tmp_path, campaign_id="2027-04", run_id="run-3")
+    with pytest.raises(HistoryOutdatedError):
+        commit_history(tmp_path, track(frozenset(IDS)), building_id=BUILDING)  # does not know of 2027-04
+
+
+def test_a_history_by_itself_is_a_version_and_keeps_other_buildings(tmp_path: Path) -> None:
+    mill = {"building_id": "mill", "campaign_id": CAMPAIGN, "run_id": "run-1"}
+    other = TrackedHistory(tables=history_tables(**mill), run_ids={CAMPAIGN: "run-1"}, known_tracks=frozenset())
+    commit_campaign(tmp_path, tables=lake_tables(**mill), inputs_sha256=INPUTS, history=other, **mill)
+    commit(tmp_path)
+    version = commit_history(tmp_path, track(), building_id=BUILDING)
+    others = {"mill-0001", "mill-0002", "mill-0003"}
+    assert version is not None and read_ids(tmp_path) == IDS | others and read_ids(tmp_path, version - 1) == others
+    assert commit_history(tmp_path, track(frozenset(IDS)), building_id=BUILDING) is None  # nothing has changed
+
+
+def test_a_history_with_other_columns_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SchemaError, match="table tracks has the columns"):
+        commit_with(tmp_path, track(tracks=pa.table({"track_id": ["a"]})))
