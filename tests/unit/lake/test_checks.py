@@ -32,7 +32,7 @@ def checked(tmp_path_factory: pytest.TempPathFactory) -> dict[str, pa.Table]:
     del bad["georeference"][0]["control"]
     bad["campaigns"] *= 2
     bad["elements"] = []
-    bad |= dict.fromkeys(HISTORY_TABLES, [])
+    bad |= {name: [] for name in HISTORY_TABLES}
     tables = {
         "good": {**lake_tables(defects=200), **history_tables(defects=200)},
         "bad": {name: loose(name, bad[name]) for name in CHECKED},
