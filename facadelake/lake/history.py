@@ -56,13 +56,19 @@ def commit_history(
     ):
         require_current_history(connection, history, building_id, but=None)
         held = read_tables(lake, list(HISTORY_TABLES), building_id=building_id)
-        if all(held[name].equals(history.tables[name]) for name in HISTORY_TABLES):
+        if all(_is_same(held[name], history.tables[name], name) for name in HISTORY_TABLES):
             return None
         with make_version(connection, f"{building_id} tracked", {"building_id": building_id, "tracked": True}):
             replace_history(connection, history, building_id)
         version = get_last_version(connection)
     logger.info("the history of %s committed as version %d", building_id, version)
     return version
+
+
+def _is_same(held: pa.Table, table: pa.Table, name: str) -> bool:
+    """Whether two tables are equal but for the encoding of geometry, which follows the coordinates of defects."""
+    encoded = list(HISTORY_TABLES[name].geometry_columns)
+    return bool(held.drop_columns(encoded).equals(table.drop_columns(encoded)))
 
 
 def require_current_history(
