@@ -288,8 +288,8 @@ _HISTORY = [
         "comparison of the photographs of two campaigns at the place of a defect",
         "building_id campaign_id track_id",
         "track_id compared_campaign defect_id look_verdict look_count compared_count look_photo_id? "
-        "compared_photo_id? look_similarity? surroundings_similarity? change_extent? contrast_difference? "
-        "contrast_left? look_cell_mm?",
+        "compared_photo_id? look_similarity? surroundings_similarity? fading_extent? fading_sigmas? "
+        "darkening_extent? contrast_difference? contrast_left? look_cell_mm?",
         may_be_empty=True,
         filled_at_commit=(),
     ),

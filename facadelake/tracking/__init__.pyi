@@ -11,6 +11,7 @@ from .linked import link_history as link_history
 from .linked import list_look_requests as list_look_requests
 from .look_files import read_looks as read_looks
 from .look_files import write_looks as write_looks
+from .look_verdict import judge_comparison as judge_comparison
 from .looks import Look as Look
 from .looks import LookedCampaign as LookedCampaign
 from .looks import LookRequest as LookRequest

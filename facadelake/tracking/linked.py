@@ -134,6 +134,7 @@ def list_look_requests(history: LinkedHistory) -> list[LookRequest]:
                 LookRequest(
                     seen_campaign=records.campaign_id,
                     defect_id=str(defects.defect_id[row]),
+                    defect_class=DefectClass(CLASSES[defects.defect_class[row]]),
                     campaign_id=history.campaigns[campaign].campaign_id,
                     xyz_seen_m=defects.xyz_site_m[row],
                     xyz_other_m=in_first + _find_offset(tracked[campaign], str(defects.facade[row])),

@@ -6,7 +6,9 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
+from facadelake.tracking.fading import Fading
 from facadelake.tracking.looks import Look
 from facadelake.tracking.second_look import Comparison
 from schemas.vocabulary import LookVerdict
@@ -36,9 +38,13 @@ def read_looks(folder: Path) -> list[Look]:
                 verdict=LookVerdict(row["verdict"]),
                 photo_ids=(ids[0], ids[1]),
                 photo_counts=(counts[0], counts[1]),
-                comparison=None if row["comparison"] is None else Comparison(**row["comparison"]),
+                comparison=_read_comparison(row["comparison"]),
                 picture=None if row["picture"] is None else (folder / row["picture"]).read_bytes(),
                 remark=row["remark"],
             )
         )
     return looks
+
+
+def _read_comparison(values: dict[str, Any] | None) -> Comparison | None:
+    return None if values is None else Comparison(**{**values, "fading": Fading(**values["fading"])})

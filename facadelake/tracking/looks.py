@@ -17,17 +17,16 @@ from facadelake.core.camera import PosedCamera
 from facadelake.core.progress import report_progress
 from facadelake.detection.inference import read_photograph
 from facadelake.registration import compute_tangents
+from facadelake.tracking.look_verdict import judge_comparison
 from facadelake.tracking.second_look import (
     Comparison,
     Detail,
     PatchGrid,
     Place,
     compare_views,
-    extract_detail,
-    judge_comparison,
     rectify_patch,
 )
-from schemas.vocabulary import LookVerdict
+from schemas.vocabulary import DefectClass, LookVerdict
 
 _log = logging.getLogger(__name__)
 
@@ -58,6 +57,7 @@ class LookRequest:
 
     seen_campaign: str
     defect_id: str
+    defect_class: DefectClass
     campaign_id: str
     xyz_seen_m: Float64x3
     xyz_other_m: Float64x3
@@ -247,11 +247,10 @@ def _look(
             LookVerdict.NO_PHOTOGRAPH,
             f"the photographs of {request.campaign_id if patches[0] else request.seen_campaign} cannot be read",
         )
-    seen, other = ([extract_detail(patch) for patch in one] for one in patches)
-    found = compare_views(seen, other, grid, _ALIGNED_WITHIN_M)
+    found = compare_views(patches[0], patches[1], grid, _ALIGNED_WITHIN_M)
     return Look(
         key=request.key,
-        verdict=judge_comparison(found),
+        verdict=judge_comparison(found, request.defect_class),
         photo_ids=(best[0], best[1]),
         photo_counts=counts,
         comparison=found,

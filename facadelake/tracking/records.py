@@ -20,6 +20,8 @@ from facadelake.tracking.campaign_defects import DefectArrays, TrackedCampaign, 
 from facadelake.tracking.size_change import DefectSizes, pool_sightings
 from schemas.vocabulary import CrackWidthOutcome, TrendQuantity
 
+# Of the logarithm: what the sightings of one campaign share, by viewpoint and light.
+_SHARED_SIGMA = {TrendQuantity.LENGTH: 0.03, TrendQuantity.AREA: 0.045}
 ORIGIN_COLUMNS = ("origin_lon_deg", "origin_lat_deg", "origin_height_ellipsoidal_m")
 
 
@@ -97,7 +99,8 @@ def _read_sizes(defects: pa.Table, observations: pa.Table) -> dict[TrendQuantity
     for quantity in (TrendQuantity.LENGTH, TrendQuantity.AREA):
         size = _read_column(observations, quantity)
         usable = (defect >= 0) & (size > 0)
-        found[quantity] = pool_sightings(np.log(size[usable]), defect[usable], len(row_of))
+        pooled = pool_sightings(np.log(size[usable]), defect[usable], len(row_of))
+        found[quantity] = replace(pooled, sigma=np.hypot(pooled.sigma, _SHARED_SIGMA[quantity]))
     width, sigma = _read_column(defects, "crack_width_mm"), _read_column(defects, "crack_width_sigma_mm")
     measured = np.array(
         [

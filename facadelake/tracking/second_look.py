@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from facadelake.core.arrays import BoolArray, Float64x3, UInt8Image
 from facadelake.core.camera import PosedCamera
 from facadelake.registration import compute_tangents
-from schemas.vocabulary import LookVerdict
+from facadelake.tracking.fading import Fading, fit_gain, measure_fading
 
 _FINE_CELLS, _COARSE_CELLS = 1.0, 8.0
 _SIDE_MAX = 481  # cells of a patch's side
@@ -27,14 +27,6 @@ _SURROUND_MIN_M = 0.35
 _BORDER = 5  # cells at the border, where the band-pass sees no surroundings
 _DARKEST = 8.0  # added to grey values before the logarithm: noise of the dark is not contrast
 _INSIDE_MIN = 0.9  # share of a patch that a photograph must show
-_CHANGED_SIGMAS = 4.0
-_NOISE_FLOOR = 0.004  # of a difference, in log grey values
-_STEEPNESS_BINS = 8
-# Limits of the verdicts, found on the demo and on real photographs with painted defects (docs/history.md).
-_SAME_MIN, _SAME_EXTENT_MAX = 0.85, 0.35
-_RECOGNISED_MIN = 0.4
-_GONE_MAX, _GONE_DIFFERENCE_MIN, _GONE_LEFT_MAX = 0.7, 0.5, 0.4
-_HIDDEN_AROUND_MAX, _HIDDEN_MAX = 0.25, 0.5
 Detail = NDArray[np.float32]
 
 
@@ -113,76 +105,76 @@ def extract_detail(patch: Detail) -> Detail:
 class Comparison:
     """What two campaigns show of a place.
 
-    ``at_defect``, ``around``: correlations. ``extent``: diagonal of the largest connected change within the defect's
-    extents, over the defect's. ``difference``: mean of the largest differences at the defect, over the contrast that it
-    has where it was detected; ``left``: contrast in the other campaign, over that. ``cell_m``: cell of the patches.
+    ``at_defect``, ``around``: correlations. ``fading``: what of the defect's look has gone. ``difference``: mean of the
+    largest differences at the defect, over the contrast that it has where it was detected; ``left``: contrast in the
+    other campaign, over that. ``cell_m``: cell of the patches; ``cells``: of them along the defect's longer side.
     """
 
     at_defect: float
     around: float
-    extent: float
+    fading: Fading
     difference: float
     left: float
     cell_m: float
+    cells: int
 
 
 def compare_views(seen: Sequence[Detail], other: Sequence[Detail], grid: PatchGrid, tolerance_m: float) -> Comparison:
     """Compare the views of a campaign in which a defect was detected with those of another.
 
     Args:
-        seen: details (h, w) of the campaign that detected it.
-        other: details of the other campaign.
+        seen: grey values (h, w) of the patch in the campaign that detected it.
+        other: those of the other campaign.
         grid: their grid.
         tolerance_m: accuracy of the poses, within which views are aligned.
     """
     reach = tolerance_m / grid.cell_m
+    details = [extract_detail(view) for view in seen], [extract_detail(view) for view in other]
     # The reference is the view that agrees best with the other campaign: another may show something before the wall.
-    reference = max(seen, key=lambda view: max(_find_translation(view, one, reach)[0] for one in other))
-    everywhere = grid.defect | grid.around
-    mean_seen = _average(_align_views(reference, seen, everywhere, reach))
-    mean_other = _average(_align_views(reference, other, everywhere, reach))
-    gain = np.clip(_fit_gain(mean_seen[grid.around], mean_other[grid.around]), 0.5, 2.0)
-    difference = _blur(mean_other - np.float32(gain) * mean_seen, 1.0)
-    significant = np.abs(difference) > _CHANGED_SIGMAS * _estimate_noise(difference, mean_seen, grid.around)
-    contrast = max(_average_largest(mean_seen[grid.defect]), 1e-6)
+    reference = max(details[0], key=lambda view: max(_find_translation(view, one, reach)[0] for one in details[1]))
+    first = _average_views(reference, seen, details[0], grid, reach)
+    second = _average_views(reference, other, details[1], grid, reach)
+    gain = np.float32(fit_gain(first.detail[grid.around], second.detail[grid.around]))
+    difference = _blur(second.detail - gain * first.detail, 1.0)
+    contrast = max(_average_largest(first.detail[grid.defect]), 1e-6)
+    rows, columns = grid.defect.any(axis=1), grid.defect.any(axis=0)
     return Comparison(
-        at_defect=_correlate(mean_seen[grid.defect], mean_other[grid.defect]),
-        around=_correlate(mean_seen[grid.around], mean_other[grid.around]),
-        extent=_measure_extent(significant, grid),
+        at_defect=_correlate(first.detail[grid.defect], second.detail[grid.defect]),
+        around=_correlate(first.detail[grid.around], second.detail[grid.around]),
+        fading=measure_fading(first.logs, second.logs, grid.defect, grid.around),
         difference=_average_largest(difference[grid.defect]) / contrast,
-        left=_average_largest(mean_other[grid.defect]) / contrast,
+        left=_average_largest(second.detail[grid.defect]) / contrast,
         cell_m=grid.cell_m,
+        cells=int(max(np.count_nonzero(rows), np.count_nonzero(columns))),
     )
 
 
-def judge_comparison(found: Comparison) -> LookVerdict:
-    """The verdict of a comparison; where the evidence is for neither, ``undecided``."""
-    if np.isnan(found.at_defect):
-        return LookVerdict.UNDECIDED
-    around = np.nan_to_num(found.around, nan=0.0)
-    if found.at_defect >= _SAME_MIN and found.extent < _SAME_EXTENT_MAX:
-        return LookVerdict.SAME
-    faded = found.difference >= _GONE_DIFFERENCE_MIN or found.left < _GONE_LEFT_MAX
-    if around >= _RECOGNISED_MIN and found.at_defect < _GONE_MAX and faded:
-        return LookVerdict.GONE
-    if around < _HIDDEN_AROUND_MAX and found.at_defect < _HIDDEN_MAX:
-        return LookVerdict.HIDDEN
-    return LookVerdict.UNDECIDED
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Average:
+    """Median of a campaign's views (h, w): their ``detail``, and the ``logs`` of their grey values."""
+
+    detail: Detail
+    logs: Detail
 
 
-def _align_views(reference: Detail, views: Sequence[Detail], cells: BoolArray, reach: float) -> list[Detail]:
-    """The views moved onto the reference, without those that show something else than the best of them does."""
-    aligned = [_align(reference, view, reach) for view in views]
-    likeness = [np.nan_to_num(_correlate(reference[cells], view[cells]), nan=-1.0) for view in aligned]
-    return [
-        view
-        for view, like in zip(aligned, likeness, strict=True)
-        if like >= 0.5 * max(likeness) or like == max(likeness)
-    ]
+def _average_views(
+    reference: Detail, patches: Sequence[Detail], details: Sequence[Detail], grid: PatchGrid, reach: float
+) -> _Average:
+    """The median of the views moved onto the reference, without those that show something else than the best does."""
+    cells = grid.defect | grid.around
+    warps = [_find_warp(reference, view, reach) for view in details]
+    aligned = [_move(view, warp) for view, warp in zip(details, warps, strict=True)]
+    likeness = [float(np.nan_to_num(_correlate(reference[cells], view[cells]), nan=-1.0)) for view in aligned]
+    kept = [k for k, like in enumerate(likeness) if like >= 0.5 * max(likeness) or like == max(likeness)]
+    logs = [_move(_blur(np.log(patches[k] + np.float32(_DARKEST)), 0.7), warps[k]) for k in kept]
+    return _Average(
+        detail=np.median(np.stack([aligned[k] for k in kept]), axis=0).astype(np.float32),
+        logs=np.median(np.stack([one - np.median(one[grid.around]) for one in logs]), axis=0).astype(np.float32),
+    )
 
 
-def _align(reference: Detail, view: Detail, reach: float) -> Detail:
-    """``view`` moved onto ``reference``, by translation within ``reach`` cells, then affinely."""
+def _find_warp(reference: Detail, view: Detail, reach: float) -> Detail:
+    """The affine move (2, 3) of ``view`` onto ``reference``, begun with a translation within ``reach`` cells."""
     height, width = reference.shape
     _, column, row = _find_translation(reference, view, reach)
     warp = np.array([[1, 0, column], [0, 1, row]], dtype=np.float32)
@@ -197,6 +189,12 @@ def _align(reference: Detail, view: Detail, reach: float) -> Detail:
     corners = np.array([[0, 0, 1], [width, 0, 1], [0, height, 1], [width, height, 1]]).T
     if np.abs(warp @ corners - start @ corners).max() > 3 + 0.05 * max(height, width):
         warp = start
+    return warp
+
+
+def _move(view: Detail, warp: Detail) -> Detail:
+    """A view moved onto the reference."""
+    height, width = view.shape
     flags = cv2.INTER_LINEAR + cv2.WARP_INVERSE_MAP
     moved = cv2.warpAffine(view, warp, (width, height), flags=flags, borderMode=cv2.BORDER_REFLECT)
     return np.asarray(moved, dtype=np.float32)
@@ -209,50 +207,6 @@ def _find_translation(reference: Detail, view: Detail, reach: float) -> tuple[fl
     scores = cv2.matchTemplate(view, reference[cells : height - cells, cells : width - cells], cv2.TM_CCOEFF_NORMED)
     row, column = np.unravel_index(int(np.argmax(scores)), scores.shape)
     return float(scores[row, column]), int(column) - cells, int(row) - cells
-
-
-def _average(views: Sequence[Detail]) -> Detail:
-    """Median of aligned views."""
-    median: Detail = np.median(np.stack(views), axis=0).astype(np.float32)
-    return median
-
-
-def _measure_extent(significant: BoolArray, grid: PatchGrid) -> float:
-    """Diagonal of the largest connected change at the defect, over the defect's."""
-    mask = (significant & grid.defect).astype(np.uint8)
-    joined = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    count, _, stats, _ = cv2.connectedComponentsWithStats(joined, connectivity=8)
-    if count < 2:
-        return 0.0
-    rows, columns = np.flatnonzero(grid.defect.any(axis=1)), np.flatnonzero(grid.defect.any(axis=0))
-    size = np.hypot(stats[1:, cv2.CC_STAT_WIDTH], stats[1:, cv2.CC_STAT_HEIGHT]).max()
-    return float(size / np.hypot(len(rows), len(columns)))
-
-
-def _fit_gain(first: Detail, second: Detail) -> float:
-    """Factor of contrast between two campaigns, from the surroundings."""
-    energy = float(first @ first)
-    return float(first @ second) / energy if energy > 1e-9 else 1.0
-
-
-def _estimate_noise(difference: Detail, detail: Detail, around: BoolArray) -> Detail:
-    """One sigma (h, w) of a difference where nothing changed: a constant, and a share of the steepness of the detail.
-
-    What remains of a misalignment is proportional to the steepness; both numbers are fitted around the defect.
-    """
-    gradient = np.hypot(cv2.Sobel(detail, -1, 1, 0, ksize=3), cv2.Sobel(detail, -1, 0, 1, ksize=3)) / 8
-    steepness = cv2.dilate(gradient, np.ones((3, 3), np.uint8))
-    size, steep = np.abs(difference[around]), steepness[around]
-    if len(size) < 50 * _STEEPNESS_BINS:
-        constant = max(_NOISE_FLOOR, 1.4826 * float(np.median(size)) if len(size) else 0.05)
-        return np.full(difference.shape, constant, dtype=np.float32)
-    order = np.array_split(np.argsort(steep), _STEEPNESS_BINS)
-    sigma = np.array([1.4826 * np.median(size[rows]) for rows in order])
-    centre = np.array([steep[rows].mean() for rows in order])
-    share = max(0.05, float(np.polyfit(centre, sigma, 1)[0]))
-    constant = max(_NOISE_FLOOR, float(np.median(sigma - share * centre)))
-    noise: Detail = np.hypot(constant, share * steepness).astype(np.float32)
-    return noise
 
 
 def _average_largest(values: Detail) -> float:

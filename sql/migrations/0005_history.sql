@@ -166,7 +166,9 @@ CREATE TABLE looks (
     compared_photo_id       VARCHAR,
     look_similarity         DOUBLE,
     surroundings_similarity DOUBLE,
-    change_extent           DOUBLE,
+    fading_extent           DOUBLE,
+    fading_sigmas           DOUBLE,
+    darkening_extent        DOUBLE,
     contrast_difference     DOUBLE,
     contrast_left           DOUBLE,
     look_cell_mm            DOUBLE

@@ -14,7 +14,9 @@ SELECT
     NULL::VARCHAR AS compared_photo_id,
     NULL::DOUBLE AS look_similarity,
     NULL::DOUBLE AS surroundings_similarity,
-    NULL::DOUBLE AS change_extent,
+    NULL::DOUBLE AS fading_extent,
+    NULL::DOUBLE AS fading_sigmas,
+    NULL::DOUBLE AS darkening_extent,
     NULL::DOUBLE AS contrast_difference,
     NULL::DOUBLE AS contrast_left,
     NULL::DOUBLE AS look_cell_mm
