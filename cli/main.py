@@ -124,6 +124,20 @@ def inspect(
 
 
 @app.command()
+def track(building: BuildingId, portfolio: PortfolioPath = DEFAULT_PORTFOLIO, lake: LakePath = DEFAULT_LAKE) -> None:
+    """Follow a building's defects through all its campaigns in the lake anew: after reviews, or in an older lake.
+
+    An inspection does this, too. Ids of known tracks stay. Running it again changes nothing.
+    """
+    from cli.terminal.inspection import show_tracking
+    from cli.terminal.run import track_in_terminal
+
+    read_portfolio_at(portfolio).get_building(building)  # before Prefect takes its time
+    result = track_in_terminal(console, building_id=building, portfolio=portfolio, lake=lake)
+    show_tracking(console, result)
+
+
+@app.command()
 def demo(
     folder: Annotated[Path, typer.Option(help="Where the demo building is made.")] = CHECKOUT / "build" / "demo",
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,

@@ -10,14 +10,13 @@ from prefect.artifacts import create_markdown_artifact, create_table_artifact
 
 from facadelake.core.tables import read_table
 from facadelake.georeferencing.campaign import REFERENCE_FILE, drop_reference, store_reference
-from facadelake.lake import CommitResult, TrackedHistory, build_lake_tables, commit_campaign
+from facadelake.lake import CommitResult, build_lake_tables, commit_campaign
 from facadelake.lake import read_table as read_lake_table
 from facadelake.publish import publish_campaign
-from schemas.tables import HISTORY_TABLES
 from tasks.draw import PICTURES
 from tasks.job import InspectionJob, StageResult, StageResults
 from tasks.record import assemble_campaign
-from tasks.track import TrackedCampaigns
+from tasks.track import TrackedCampaigns, build_tracked_history
 
 SHOWN = ["defect_id", "defect_class", "severity", "facade", "storey", "photo_count", "width_m", "height_m"]
 
@@ -34,11 +33,7 @@ def commit(job: InspectionJob, results: StageResults, tracked: TrackedCampaigns,
         run_id=job.run_id,
         tables=build_lake_tables(tables, run),
         inputs_sha256=run.inputs_sha256,
-        history=TrackedHistory(
-            tables={name: read_table(name, tracked.stage.folder) for name in HISTORY_TABLES},
-            run_ids=tracked.run_ids,
-            known_tracks=tracked.known_tracks,
-        ),
+        history=build_tracked_history(tracked),
     )
     reference = results.placed.folder / REFERENCE_FILE
     if reference.is_file():

@@ -13,10 +13,11 @@ from prefect import task
 from facadelake.building import read_building
 from facadelake.building.surface import Surface
 from facadelake.campaigns import BuildingHistory, collect_looked_campaigns, find_same_run, read_history
+from facadelake.core.errors import InputDataError
 from facadelake.core.hashing import compute_key, hash_file
 from facadelake.core.progress import report_progress
 from facadelake.core.tables import list_rows, read_table, write_table
-from facadelake.lake import build_lake_tables
+from facadelake.lake import TrackedHistory, build_lake_tables, commit_history
 from facadelake.severity import find_rule_file
 from facadelake.tracking import (
     LookRequest,
@@ -98,6 +99,32 @@ def track_campaigns(job: InspectionJob, model: StageResult, history: BuildingHis
         known_tracks=frozenset(row["track_id"] for row in known["tracks"]),
         warnings=(*history.remarks, *refused),
     )
+
+
+@task(name="commit tracks")
+def commit_tracks(job: InspectionJob, tracked: TrackedCampaigns) -> int | None:
+    """Commit the history by itself; returns the version, None where nothing has changed."""
+    return commit_history(job.lake, build_tracked_history(tracked), building_id=job.building.id)
+
+
+def build_tracked_history(tracked: TrackedCampaigns) -> TrackedHistory:
+    """The history as the lake takes it."""
+    return TrackedHistory(
+        tables={name: read_table(name, tracked.stage.folder) for name in HISTORY_TABLES},
+        run_ids=tracked.run_ids,
+        known_tracks=tracked.known_tracks,
+    )
+
+
+@task(name="track all campaigns")
+def track_committed(job: InspectionJob, model: StageResult) -> TrackedCampaigns:
+    """Tables of the history of the building from its campaigns in the lake alone."""
+    history = read_history(job.lake, job.building.id, read_building(model.folder), None)
+    if not history.records:
+        raise InputDataError(
+            f"the lake {job.lake} has no campaign of '{job.building.id}'; run 'facadelake inspect {job.building.id}' first"
+        )
+    return track_campaigns(job, model, history)
 
 
 def _look(

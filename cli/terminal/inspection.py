@@ -17,10 +17,11 @@ from cli.terminal.coverage import describe_totals
 from facadelake.deduplication import describe_width_blur
 from facadelake.lake import read_table
 from facadelake.severity import describe_severity
-from schemas.vocabulary import ControlKind, PlacementCheckOutcome, PoseSource
+from schemas.vocabulary import ControlKind, PlacementCheckOutcome, PoseSource, StateEvidence
 
 if TYPE_CHECKING:
     from flows.inspect_building import InspectionResult
+    from flows.track_building import TrackingResult
 
 
 def _count_values(values: Sequence[Any]) -> str:
@@ -92,6 +93,7 @@ def show_inspection(console: Console, lake: Path, result: InspectionResult) -> N
         )
     cells = read_table(lake, "coverage", building_id=result.building_id, campaign_id=result.campaign_id)
     table.add_row("coverage", describe_totals(cells))
+    table.add_row("history", escape(_describe_history(rows("track_states"), result.building_id)))
     table.add_row("checks", f"{sum(check['passed'] for check in checks)} of {len(checks)} passed")
     table.add_row(
         "lake",
@@ -102,6 +104,27 @@ def show_inspection(console: Console, lake: Path, result: InspectionResult) -> N
     for warning in result.warnings:
         table.add_row("[yellow]warning[/yellow]", escape(warning))
     console.print(table)
+
+
+def _describe_history(states: Sequence[Mapping[str, Any]], building_id: str) -> str:
+    """What became of the building's defects in a campaign."""
+    if not states:
+        return "none of its defects is followed: see the warnings"
+    missed = sum(row["state_evidence"] == StateEvidence.LOOKS_THE_SAME for row in states)
+    also = f"; {missed} of them not detected, but their places look the same" if missed else ""
+    return f"{_count_values([row['track_state'] for row in states])}{also}; facadelake compare {building_id}"
+
+
+def show_tracking(console: Console, result: TrackingResult) -> None:
+    """Print the states of the latest campaign and the version of the lake."""
+    counts = dict(result.stage.counts)
+    tracks = counts.pop("tracks")
+    states = ", ".join(f"{count} {state}" for state, count in counts.items() if state is not None)
+    console.print(f"{result.building_id}: {tracks} tracks, in the latest campaign {states or 'none'}", highlight=False)
+    version = "unchanged" if result.version is None else f"version {result.version}"
+    console.print(f"lake: {version}; facadelake compare {result.building_id}", highlight=False)
+    for warning in result.warnings:
+        console.print(f"[yellow]warning[/yellow]: {escape(warning)}")
 
 
 def format_georeference(passport: Mapping[str, Any]) -> list[str]:

@@ -6,11 +6,11 @@ import logging
 import os
 import signal
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType, TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rich.console import Console
 from rich.progress import (
@@ -29,6 +29,9 @@ from facadelake.core.progress import listen_to_progress
 
 if TYPE_CHECKING:
     from flows.inspect_building import InspectionResult
+    from flows.track_building import TrackingResult
+
+R = TypeVar("R")
 
 
 class ProgressBars:
@@ -132,12 +135,35 @@ class _BarsLog(logging.Handler):
 
 def inspect_in_terminal(console: Console, *, portfolio: Path, lake: Path, **parameters: Any) -> InspectionResult:
     """Run the flow ``inspect_building`` in this process; its errors are raised unchanged."""
+
+    def load() -> Callable[..., InspectionResult]:
+        from flows.inspect_building import inspect_building
+
+        return inspect_building
+
+    return _run_flow(console, load, portfolio=portfolio, lake=lake, **parameters)
+
+
+def track_in_terminal(console: Console, *, portfolio: Path, lake: Path, building_id: str) -> TrackingResult:
+    """Run the flow ``track_building`` in this process; its errors are raised unchanged."""
+
+    def load() -> Callable[..., TrackingResult]:
+        from flows.track_building import track_building
+
+        return track_building
+
+    return _run_flow(console, load, portfolio=portfolio, lake=lake, building_id=building_id)
+
+
+def _run_flow(
+    console: Console, load: Callable[[], Callable[..., R]], *, portfolio: Path, lake: Path, **parameters: Any
+) -> R:
+    """Run a flow, which ``load`` imports, with progress bars and quiet logs."""
     os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")  # main() prints the error, once
     configure_prefect(lake)
     with handle_interrupts(console), ProgressBars(console) as bars, listen_to_progress(bars):
         bars.wait("Starting Prefect")
-        from flows.inspect_building import inspect_building
-
+        flow = load()
         log = logging.getLogger("facadelake.tasks")
         handler = _BarsLog(bars)
         log.addHandler(handler)
@@ -145,12 +171,9 @@ def inspect_in_terminal(console: Console, *, portfolio: Path, lake: Path, **para
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # deprecation warnings of libraries are for developers
-                result: InspectionResult = inspect_building(
-                    portfolio=str(portfolio.resolve()), lake=str(lake.resolve()), **parameters
-                )
+                return flow(portfolio=str(portfolio.resolve()), lake=str(lake.resolve()), **parameters)
         finally:
             log.removeHandler(handler)
-    return result
 
 
 def make_demo_in_terminal(
