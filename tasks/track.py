@@ -12,7 +12,7 @@ from prefect import task
 
 from facadelake.building import read_building
 from facadelake.building.surface import Surface
-from facadelake.campaigns import BuildingHistory, collect_looked_campaigns, find_same_run, read_history
+from facadelake.campaigns import BuildingHistory, collect_campaign_views, find_same_run, read_history
 from facadelake.core.errors import InputDataError
 from facadelake.core.hashing import compute_key, hash_file
 from facadelake.core.progress import report_progress
@@ -25,8 +25,8 @@ from facadelake.tracking import (
     link_history,
     list_look_requests,
     look_at_places,
-    read_looks,
-    write_looks,
+    read_look_files,
+    write_look_files,
 )
 from schemas.tables import HISTORY_TABLES
 from schemas.vocabulary import OffsetOutcome
@@ -67,7 +67,7 @@ def track_campaigns(job: InspectionJob, model: StageResult, history: BuildingHis
     looked = _look(job, model, history, list_look_requests(linked))
 
     def make(folder: Path) -> Counts:
-        looks = {look.key: look for result in looked.values() for look in read_looks(result.folder)}
+        looks = {look.key: look for result in looked.values() for look in read_look_files(result.folder)}
         made = build_history_tables(
             job.building.id, linked, looks, history.known, origin=building.origin, rule_file=rule_file
         )
@@ -122,7 +122,8 @@ def track_committed(job: InspectionJob, model: StageResult) -> TrackedCampaigns:
     history = read_history(job.lake, job.building.id, read_building(model.folder), None)
     if not history.records:
         raise InputDataError(
-            f"the lake {job.lake} has no campaign of '{job.building.id}'; run 'facadelake inspect {job.building.id}' first"
+            f"the lake {job.lake} has no campaign of '{job.building.id}'; "
+            f"run 'facadelake inspect {job.building.id}' first"
         )
     return track_campaigns(job, model, history)
 
@@ -140,8 +141,8 @@ def _look(
 
         def make(folder: Path, wanted: list[LookRequest] = wanted) -> Counts:
             surface = Surface(read_building(model.folder))
-            looks = look_at_places(wanted, collect_looked_campaigns(history, wanted), surface)
-            write_looks(looks, folder)
+            looks = look_at_places(wanted, collect_campaign_views(history, wanted), surface)
+            write_look_files(looks, folder)
             return Counter(look.verdict for look in looks)
 
         inputs = {"campaigns": [[seen, runs[seen]], [other, runs[other]]], "places": [_describe(one) for one in wanted]}

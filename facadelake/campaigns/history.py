@@ -16,7 +16,7 @@ from facadelake.building import BuildingModel
 from facadelake.core.errors import InputDataError
 from facadelake.core.tables import list_rows
 from facadelake.lake import RunRecord, has_lake, read_table, read_tables
-from facadelake.tracking import CampaignRecords, KnownHistory, LookedCampaign, LookRequest, read_records
+from facadelake.tracking import CampaignRecords, CampaignViews, KnownHistory, LookRequest, read_records
 from schemas.tables import LAKE_TABLES
 
 _READ = ("buildings", "campaigns", "runs", "georeference", "poses", "observations", "defects")
@@ -74,11 +74,11 @@ def find_same_run(lake: Path, run: RunRecord) -> str | None:
     return same[0] if same else None
 
 
-def collect_looked_campaigns(history: BuildingHistory, requests: Sequence[LookRequest]) -> dict[str, LookedCampaign]:
+def collect_campaign_views(history: BuildingHistory, requests: Sequence[LookRequest]) -> dict[str, CampaignViews]:
     """The photographs of the campaigns that the requests name."""
     wanted = {name for request in requests for name in (request.seen_campaign, request.campaign_id)}
     return {
-        one.campaign_id: LookedCampaign(posed=one.posed, root=one.root)
+        one.campaign_id: CampaignViews(posed=one.posed, root=one.root)
         for one in history.records
         if one.campaign_id in wanted
     }

@@ -10,23 +10,19 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from facadelake.core.arrays import RowIndices
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import Row, list_rows, table_from_rows
-from facadelake.tracking.campaign_defects import CLASSES
-from facadelake.tracking.chain import CampaignLink
-from facadelake.tracking.frame_offsets import FrameOffset
-from facadelake.tracking.identity import Chains, KnownTracks, assign_track_numbers, format_track_id, read_track_number
-from facadelake.tracking.linked import YEAR, Change, LinkedHistory
-from facadelake.tracking.looks import Look
+from facadelake.tracking.chain_numbers import assign_chain_numbers
+from facadelake.tracking.identity import format_track_id
+from facadelake.tracking.linked import YEAR, LinkedHistory, SizeDifference
+from facadelake.tracking.offset_rows import build_offset_rows
+from facadelake.tracking.second_look.look import Look
 from facadelake.tracking.states import StateInCampaign, TrackEvidence, decide_states
 from facadelake.tracking.track_trends import describe_trends
 from schemas.tables import HISTORY_TABLES
-from schemas.vocabulary import DefectClass, OffsetOutcome, TrackState, TrendQuantity
+from schemas.vocabulary import TrackState, TrendQuantity
 
-_REACH_MIN_M = 0.3  # from a track's place, within which the same defect lies when its campaign is inspected anew
 _SAME_DAY_YEARS = 1 / 365.25
-_GEO = ("lon_deg", "lat_deg", "height_ellipsoidal_m")
 _CHANGES = {
     TrendQuantity.LENGTH: ("length_change_m", "length_change_sigma_m"),
     TrendQuantity.AREA: ("area_change_m2", "area_change_sigma_m2"),
@@ -71,7 +67,7 @@ def build_history_tables(
         origin: origin of the site frame.
         rule_file: the rule pack, of which the next limit is told.
     """
-    numbers = _assign_numbers(history, known, origin)
+    numbers = assign_chain_numbers(history, known.tracks, known.states, origin)
     ids = [format_track_id(building_id, int(number)) for number in numbers]
     builder = _Builder(
         building_id=building_id,
@@ -83,7 +79,7 @@ def build_history_tables(
     )
     states = [builder.decide(chain) for chain in range(len(ids))]
     trends = describe_trends(history, rule_file)
-    looked = builder.list_looks()
+    looked = builder.list_look_rows()
     rows = {
         "tracks": [
             *(builder.build_track(chain, states[chain], trends[chain]) for chain in range(len(ids))),
@@ -93,7 +89,7 @@ def build_history_tables(
         "track_relations": builder.build_relations(),
         "track_candidates": builder.build_candidates(),
         "looks": [row for row, _ in looked],
-        "frame_offsets": [row for link in history.links for row in builder.build_offsets(link)],
+        "frame_offsets": build_offset_rows(building_id, history),
     }
     tables = {
         name: table_from_rows(name, found).sort_by([(key, "ascending") for key in HISTORY_TABLES[name].key])
@@ -128,7 +124,7 @@ class _Builder:
         reviews = {campaign: state for campaign, (state, _) in self.reviews.get(self.ids[chain], {}).items()}
         evidence = TrackEvidence(
             sightings={names[k]: self._name_change(k, chain)[0] for k in self.history.sightings[chain]},
-            looks={names[k]: look.verdict for k, look in self._list_looks_of(chain)},
+            looks={names[k]: look.verdict for k, look in self._map_look_by_campaign(chain)},
             parts=frozenset(names[k] for k in self.history.parts[chain]),
             reviews=reviews,
         )
@@ -143,7 +139,7 @@ class _Builder:
         quantity = max(changes, key=lambda q: abs(changes[q].log_change) / changes[q].sigma)
         return (1 if changes[quantity].log_change > 0 else -1), quantity
 
-    def _list_looks_of(self, chain: int) -> list[tuple[int, Look]]:
+    def _map_look_by_campaign(self, chain: int) -> list[tuple[int, Look]]:
         """The looks of a chain, by number of the campaign."""
         sightings = self.history.sightings[chain]
         known = sorted(sightings)
@@ -188,7 +184,7 @@ class _Builder:
         """The rows of table ``track_states``."""
         sightings = self.history.sightings[chain]
         numbers = {records.campaign_id: k for k, records in enumerate(self.history.campaigns)}
-        looks = dict(self._list_looks_of(chain))
+        looks = dict(self._map_look_by_campaign(chain))
         known = sorted(sightings)
         rows = []
         for state in states:
@@ -206,13 +202,13 @@ class _Builder:
                 "reviewer": review[1] if review else None,
             }
             if campaign in sightings:
-                row |= self._describe_sighting(chain, campaign, defect)
+                row |= self._describe_detection(chain, campaign, defect)
             elif campaign in looks:
                 row["state_remark"] = looks[campaign].remark
             rows.append(row)
         return rows
 
-    def _describe_sighting(self, chain: int, campaign: int, defect: Row) -> Row:
+    def _describe_detection(self, chain: int, campaign: int, defect: Row) -> Row:
         """Columns of a state that a detection has: its defect, the match, the change since the detection before."""
         one = self.history.sightings[chain][campaign]
         columns: Row = {"defect_id": defect["defect_id"], "match_probability": one.probability}
@@ -262,12 +258,12 @@ class _Builder:
                 )
         return rows
 
-    def list_looks(self) -> list[tuple[Row, Look]]:
+    def list_look_rows(self) -> list[tuple[Row, Look]]:
         """The rows of table ``looks``, each with its look."""
         return [
             (self._describe_look(chain, campaign, look), look)
             for chain in range(len(self.ids))
-            for campaign, look in self._list_looks_of(chain)
+            for campaign, look in self._map_look_by_campaign(chain)
         ]
 
     def _describe_look(self, chain: int, campaign: int, look: Look) -> Row:
@@ -297,57 +293,12 @@ class _Builder:
             "look_cell_mm": 1000 * found.cell_m,
         }
 
-    def build_offsets(self, link: CampaignLink) -> list[Row]:
-        """The rows of table ``frame_offsets`` of a campaign."""
-        run_ids = {records.campaign_id: records.run_id for records in self.history.refused}
-        run_ids |= {records.campaign_id: records.run_id for records in self.history.campaigns}
-        return [
-            {
-                "building_id": self.building_id,
-                "campaign_id": link.campaign_id,
-                "run_id": run_ids[link.campaign_id],
-                "facade": offset.facade,
-                "offset_outcome": offset.outcome,
-                **_describe_offset(offset),
-                "offset_count": offset.pairs,
-                "found_again_share": None if np.isnan(link.found_again) else link.found_again,
-                "detail": _explain_offset(offset, link.campaign_id, self.history.time_remarks.get(link.campaign_id)),
-            }
-            for offset in link.offsets
-        ]
-
-
-def _describe_offset(offset: FrameOffset) -> Row:
-    if offset.outcome not in (OffsetOutcome.ESTIMATED, OffsetOutcome.REFUSED):
-        return {}
-    sigma = np.sqrt(np.diag(offset.covariance_m2))
-    names = ("east", "north", "up")
-    return {
-        **{f"offset_{name}_m": float(value) for name, value in zip(names, offset.xyz_m, strict=True)},
-        **{f"offset_sigma_{name}_m": float(value) for name, value in zip(names, sigma, strict=True)},
-    }
-
-
-def _explain_offset(offset: FrameOffset, campaign_id: str, time_remark: str | None) -> str:
-    words = {
-        OffsetOutcome.FIRST: "the first campaign: the others are compared with its frame",
-        OffsetOutcome.TOO_FEW: "too few defects agree on an offset; none is taken off",
-        OffsetOutcome.ESTIMATED: f"{offset.pairs} defects agree on it; it is taken off before defects are matched",
-        OffsetOutcome.REFUSED: (
-            f"{offset.pairs} defects agree that the positions of {campaign_id} are "
-            f"{np.linalg.norm(offset.xyz_m):.2f} m off those of the campaigns before; the georeferencing of both "
-            f"admits {offset.limit_m or 0:.2f} m. Its defects are not matched: inspect that campaign, or the one "
-            "before, with other control"
-        ),
-    }[offset.outcome]
-    return f"{words}; {time_remark}" if time_remark else words
-
 
 def _drop_nan(value: float) -> float | None:
     return None if np.isnan(value) else value
 
 
-def _convert_change(size: float, change: Change) -> tuple[float, float]:
+def _convert_change(size: float, change: SizeDifference) -> tuple[float, float]:
     """A change and one sigma in the unit of ``size``, the size before."""
     return size * (float(np.exp(change.log_change)) - 1), size * float(np.exp(change.log_change)) * change.sigma
 
@@ -365,43 +316,3 @@ def _withdraw(tracks: pa.Table, current: set[str]) -> list[Row]:
     return [
         {**row, "track_state": None, "withdrawn": True} for row in list_rows(tracks) if row["track_id"] not in current
     ]
-
-
-def _assign_numbers(history: LinkedHistory, known: KnownHistory, origin: SiteOrigin) -> RowIndices:
-    """Numbers of the chains' ids."""
-    rows = list_rows(known.tracks)
-    of_track = {row["track_id"]: k for k, row in enumerate(rows)}
-    sightings = {
-        (row["campaign_id"], row["run_id"], row["defect_id"]): of_track[row["track_id"]]
-        for row in list_rows(known.states.select(["campaign_id", "run_id", "defect_id", "track_id"]))
-        if row["defect_id"] is not None and row["track_id"] in of_track
-    }
-    geo = np.array([[row[name] for name in _GEO] for row in rows]).reshape(-1, 3)
-    tracks = KnownTracks(
-        number=np.array([read_track_number(row["track_id"]) for row in rows], dtype=np.int64),
-        xyz_site_m=origin.site_from_geo(geo) if len(rows) else geo,
-        reach_m=np.array([max(_REACH_MIN_M, np.hypot(row["width_m"], row["height_m"]) / 2) for row in rows]),
-        defect_class=np.array([CLASSES.index(DefectClass(row["defect_class"])) for row in rows], dtype=np.int64),
-        sightings=sightings,
-    )
-    places, classes, lists = [], [], []
-    links = [history.find_link(k) for k in range(len(history.campaigns))]
-    for one in history.sightings:
-        last = max(one)
-        defects = history.campaigns[last].tracked.defects
-        places.append(defects.xyz_site_m[one[last].row] - links[last].offset_m[one[last].row])
-        classes.append(int(defects.defect_class[one[last].row]))
-        lists.append(
-            [
-                (
-                    history.campaigns[k].campaign_id,
-                    history.campaigns[k].run_id,
-                    str(history.campaigns[k].tracked.defects.defect_id[sighting.row]),
-                )
-                for k, sighting in one.items()
-            ]
-        )
-    chains = Chains(
-        xyz_site_m=np.array(places).reshape(-1, 3), defect_class=np.array(classes, dtype=np.int64), sightings=lists
-    )
-    return assign_track_numbers(tracks, chains)

@@ -12,8 +12,8 @@ from facadelake.core.arrays import Float64N, Float64x3
 from facadelake.registration import compute_tangents
 from facadelake.tracking.campaign_defects import CLASSES
 from facadelake.tracking.chain import CampaignLink, link_campaigns
-from facadelake.tracking.looks import LookRequest
 from facadelake.tracking.records import CampaignRecords
+from facadelake.tracking.second_look.look import LookRequest
 from facadelake.tracking.size_change import compare_sizes, select_significant
 from schemas.vocabulary import DefectClass, OffsetOutcome, TrackRelation, TrendQuantity
 
@@ -29,8 +29,8 @@ _COVERED_DEPTH_M = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Change:
-    """Change of one size between two detections: ``log_change`` with ``sigma``; ``significant`` over the building."""
+class SizeDifference:
+    """Change of one size between two detections: ``log_change``, ``sigma``; ``significant`` over the building."""
 
     log_change: float
     sigma: float
@@ -38,7 +38,7 @@ class Change:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sighting:
+class ChainDefect:
     """Defect ``row`` of campaign ``campaign`` (numbers), ``previous``: the detection before, of the same chain."""
 
     campaign: int
@@ -71,8 +71,8 @@ class LinkedHistory:
     campaigns: Sequence[CampaignRecords]
     refused: Sequence[CampaignRecords]
     links: Sequence[CampaignLink]
-    sightings: Sequence[dict[int, Sighting]]
-    changes: dict[tuple[int, int], dict[TrendQuantity, Change]]
+    sightings: Sequence[dict[int, ChainDefect]]
+    changes: dict[tuple[int, int], dict[TrendQuantity, SizeDifference]]
     scales: dict[tuple[int, TrendQuantity], float]
     parts: Sequence[frozenset[int]]
     relations: Sequence[Relation]
@@ -98,7 +98,7 @@ def link_history(records: Sequence[CampaignRecords], area_m2: float) -> LinkedHi
     by_id = {one.campaign_id: one for one in records}
     tracked = [link for link in links if link.offsets[0].outcome is not OffsetOutcome.REFUSED]
     campaigns = [by_id[link.campaign_id] for link in tracked]
-    sightings = _list_sightings(tracked)
+    sightings = _list_chain_defects(tracked)
     changes, scales = _compare_detections(campaigns, sightings)
     parts, relations = _relate(campaigns, tracked, sightings)
     return LinkedHistory(
@@ -152,15 +152,15 @@ def _find_offset(link: CampaignLink, facade: str) -> Float64x3:
     return by_facade.get(facade, by_facade[""])
 
 
-def _list_sightings(links: Sequence[CampaignLink]) -> list[dict[int, Sighting]]:
+def _list_chain_defects(links: Sequence[CampaignLink]) -> list[dict[int, ChainDefect]]:
     count = max((int(link.chain.max(initial=-1)) + 1 for link in links), default=0)
-    found: list[dict[int, Sighting]] = [{} for _ in range(count)]
+    found: list[dict[int, ChainDefect]] = [{} for _ in range(count)]
     for campaign, link in enumerate(links):
         for row, chain in enumerate(link.chain.tolist()):
             before = found[chain]
             last = max(before, default=None)
             probability = float(link.probability[row])
-            before[campaign] = Sighting(
+            before[campaign] = ChainDefect(
                 campaign=campaign,
                 row=row,
                 previous=None if last is None else (last, before[last].row),
@@ -170,10 +170,10 @@ def _list_sightings(links: Sequence[CampaignLink]) -> list[dict[int, Sighting]]:
 
 
 def _compare_detections(
-    campaigns: Sequence[CampaignRecords], sightings: Sequence[dict[int, Sighting]]
-) -> tuple[dict[tuple[int, int], dict[TrendQuantity, Change]], dict[tuple[int, TrendQuantity], float]]:
+    campaigns: Sequence[CampaignRecords], sightings: Sequence[dict[int, ChainDefect]]
+) -> tuple[dict[tuple[int, int], dict[TrendQuantity, SizeDifference]], dict[tuple[int, TrendQuantity], float]]:
     """Changes of every detection against the one before, significant over all defects of the building."""
-    changes: dict[tuple[int, int], dict[TrendQuantity, Change]] = {}
+    changes: dict[tuple[int, int], dict[TrendQuantity, SizeDifference]] = {}
     scales: dict[tuple[int, TrendQuantity], float] = {}
     for number, records in enumerate(campaigns):
         found = [one[number] for one in sightings if number in one and one[number].previous is not None]
@@ -187,7 +187,7 @@ def _compare_detections(
         significant = {pair for pair, yes in zip(tested, select_significant(p_value).tolist(), strict=True) if yes}
         for k, one in enumerate(found):
             changes[number, one.row] = {
-                quantity: Change(
+                quantity: SizeDifference(
                     log_change=float(change.log_change[k]),
                     sigma=float(change.sigma[k]),
                     significant=(k, quantity) in significant,
@@ -199,7 +199,7 @@ def _compare_detections(
 
 
 def _gather_sizes(
-    campaigns: Sequence[CampaignRecords], found: Sequence[Sighting], quantity: TrendQuantity
+    campaigns: Sequence[CampaignRecords], found: Sequence[ChainDefect], quantity: TrendQuantity
 ) -> tuple[Float64N, Float64N, Float64N, Float64N]:
     """Logarithms and sigmas before and after of one quantity, as ``compare_sizes`` takes them."""
     before = [campaigns[one.previous[0]].sizes[quantity] for one in found if one.previous is not None]
@@ -214,7 +214,7 @@ def _gather_sizes(
 
 
 def _relate(
-    campaigns: Sequence[CampaignRecords], links: Sequence[CampaignLink], sightings: Sequence[dict[int, Sighting]]
+    campaigns: Sequence[CampaignRecords], links: Sequence[CampaignLink], sightings: Sequence[dict[int, ChainDefect]]
 ) -> tuple[list[frozenset[int]], list[Relation]]:
     """Which chains are a part of another one in campaigns that did not detect them; splits, joins, changes of class."""
     parts: list[set[int]] = [set() for _ in sightings]
@@ -239,7 +239,7 @@ def _relate(
     return [frozenset(one) for one in parts], relations
 
 
-def _find_class_change(campaigns: Sequence[CampaignRecords], chain: int, one: Sighting) -> Relation | None:
+def _find_class_change(campaigns: Sequence[CampaignRecords], chain: int, one: ChainDefect) -> Relation | None:
     assert one.previous is not None
     before, after = (
         CLASSES[campaigns[campaign].tracked.defects.defect_class[row]]
@@ -267,7 +267,7 @@ def _describe_part(
 def _find_cover(
     campaigns: Sequence[CampaignRecords],
     links: Sequence[CampaignLink],
-    sightings: Sequence[dict[int, Sighting]],
+    sightings: Sequence[dict[int, ChainDefect]],
     chain: int,
     there: int,
     elsewhere: int,

@@ -17,7 +17,7 @@ from facadelake.core.geodesy import SITE_AXES, SiteOrigin
 from facadelake.core.pose_table import read_posed_cameras
 from facadelake.core.tables import list_rows
 from facadelake.tracking.campaign_defects import DefectArrays, TrackedCampaign, read_defects
-from facadelake.tracking.size_change import DefectSizes, pool_sightings
+from facadelake.tracking.size_change import DefectSizes, summarise_sizes
 from schemas.vocabulary import CrackWidthOutcome, TrendQuantity
 
 # Of the logarithm: what the sightings of one campaign share, by viewpoint and light.
@@ -99,7 +99,7 @@ def _read_sizes(defects: pa.Table, observations: pa.Table) -> dict[TrendQuantity
     for quantity in (TrendQuantity.LENGTH, TrendQuantity.AREA):
         size = _read_column(observations, quantity)
         usable = (defect >= 0) & (size > 0)
-        pooled = pool_sightings(np.log(size[usable]), defect[usable], len(row_of))
+        pooled = summarise_sizes(np.log(size[usable]), defect[usable], len(row_of))
         found[quantity] = replace(pooled, sigma=np.hypot(pooled.sigma, _SHARED_SIGMA[quantity]))
     width, sigma = _read_column(defects, "crack_width_mm"), _read_column(defects, "crack_width_sigma_mm")
     measured = np.array(

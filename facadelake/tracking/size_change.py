@@ -31,7 +31,7 @@ class DefectSizes:
     sigma: Float64N
 
 
-def pool_sightings(log_size: Float64N, defect: RowIndices, count: int) -> DefectSizes:
+def summarise_sizes(log_size: Float64N, defect: RowIndices, count: int) -> DefectSizes:
     """The median size of each defect's sightings, with one sigma from their scatter.
 
     The scatter is pooled over the campaign, since most defects have few sightings.

@@ -25,15 +25,15 @@ VERBS = frozenset(
     accept add adjust advance align answer append apply archive arrange ask assemble assign attach attribute average
     bake begin blend bound build bundle cache calibrate card cast catch check choose classify clear clip close
     cluster collect colour combine commit compare compute concatenate condense configure connect convert convolve
-    copy correct correlate count cover create crop cut declare decode deduplicate delete demo derive describe detect
-    develop diff dilate distribute divide doctor download draft drape draw drop eliminate encode end enter erode
+    copy correct correlate count cover create crop cut decide declare decode deduplicate delete demo derive describe
+    detect develop diff dilate distribute divide doctor download draft drape draw drop eliminate encode end enter erode
     escape estimate evaluate exclude expand expect explain export extend extract extrude fill filter find fit fix
     flatten follow forget format gate generate georeference get grade group grow guess guide handle has hash hold
     import include index infer ingest initialise insert inspect install integrate interpolate intersect invert is
     join judge keep label lay letterbox light limit linearise link list listen load localise locate lock log look
     make map mark mask match measure merge mesh migrate move name normalise notify observe offer open order orient
-    outline pack paint pair parse partition place plan plot point postprocess prefer prepare present preview print
-    probe project promote propagate propose prune publish put query quote raise rank rasterise reach read reassign
+    outline pack paint pair parse partition place plan plot point postprocess predict prefer prepare present preview
+    print probe project promote propagate propose prune publish put query quote raise rank rasterise reach read reassign
     recognise reconstruct record recover rectify reduce refine refuse register regrade reject release remove render
     repair replace report represent require resample resect reset resolve restore restrict retrieve review rotate
     round run sample save scale scan score search seed segment select send separate serve set shade share shift show

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from facadelake.core.arrays import BoolArray, Float64x3, UInt8Image
 from facadelake.core.camera import PosedCamera
 from facadelake.registration import compute_tangents
-from facadelake.tracking.fading import Fading, fit_gain, measure_fading
+from facadelake.tracking.second_look.fading import Fading, fit_gain, measure_fading
 
 _FINE_CELLS, _COARSE_CELLS = 1.0, 8.0
 _SIDE_MAX = 481  # cells of a patch's side

@@ -17,8 +17,7 @@ from facadelake.core.camera import PosedCamera
 from facadelake.core.progress import report_progress
 from facadelake.detection.inference import read_photograph
 from facadelake.registration import compute_tangents
-from facadelake.tracking.look_verdict import judge_comparison
-from facadelake.tracking.second_look import (
+from facadelake.tracking.second_look.comparison import (
     Comparison,
     Detail,
     PatchGrid,
@@ -26,6 +25,7 @@ from facadelake.tracking.second_look import (
     compare_views,
     rectify_patch,
 )
+from facadelake.tracking.second_look.verdict import judge_comparison
 from schemas.vocabulary import DefectClass, LookVerdict
 
 _log = logging.getLogger(__name__)
@@ -41,7 +41,7 @@ _PICTURE_SIDE_MIN, _JPEG_QUALITY, _GAP_PX = 160, 85, 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LookedCampaign:
+class CampaignViews:
     """Photographs of a campaign: poses in the building's site frame, and their folder."""
 
     posed: Mapping[str, PosedCamera]
@@ -104,7 +104,7 @@ class _View:
 
 
 def look_at_places(
-    requests: Sequence[LookRequest], campaigns: Mapping[str, LookedCampaign], surface: Surface
+    requests: Sequence[LookRequest], campaigns: Mapping[str, CampaignViews], surface: Surface
 ) -> list[Look]:
     """Look at places, in the order of the requests.
 
@@ -134,7 +134,7 @@ _Patches = tuple[list[Detail], list[Detail]]
 
 
 def _choose_views(
-    requests: Sequence[LookRequest], campaigns: Mapping[str, LookedCampaign], surface: Surface
+    requests: Sequence[LookRequest], campaigns: Mapping[str, CampaignViews], surface: Surface
 ) -> list[_Views]:
     """The photographs of both campaigns that show each place, those of the smallest pixels first."""
     found: list[_Views] = [([], []) for _ in requests]
@@ -189,7 +189,7 @@ def _build_grid(request: LookRequest, views: _Views) -> PatchGrid | None:
 
 def _read_patches(
     requests: Sequence[LookRequest],
-    campaigns: Mapping[str, LookedCampaign],
+    campaigns: Mapping[str, CampaignViews],
     views: Sequence[_Views],
     grids: Mapping[int, PatchGrid],
 ) -> dict[int, _Patches]:

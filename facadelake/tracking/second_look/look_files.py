@@ -8,15 +8,15 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from facadelake.tracking.fading import Fading
-from facadelake.tracking.looks import Look
-from facadelake.tracking.second_look import Comparison
+from facadelake.tracking.second_look.comparison import Comparison
+from facadelake.tracking.second_look.fading import Fading
+from facadelake.tracking.second_look.look import Look
 from schemas.vocabulary import LookVerdict
 
 _FILE = "looks.json"
 
 
-def write_looks(looks: Sequence[Look], folder: Path) -> None:
+def write_look_files(looks: Sequence[Look], folder: Path) -> None:
     """Write looks, and their pictures beside them, into a folder."""
     rows = []
     for number, look in enumerate(looks):
@@ -27,8 +27,8 @@ def write_looks(looks: Sequence[Look], folder: Path) -> None:
     (folder / _FILE).write_text(json.dumps(rows))
 
 
-def read_looks(folder: Path) -> list[Look]:
-    """The looks that ``write_looks`` wrote into a folder."""
+def read_look_files(folder: Path) -> list[Look]:
+    """The looks that ``write_look_files`` wrote into a folder."""
     looks = []
     for row in json.loads((folder / _FILE).read_text()):
         key, ids, counts = row["key"], row["photo_ids"], row["photo_counts"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from facadelake.tracking.second_look import Comparison
+from facadelake.tracking.second_look.comparison import Comparison
 from schemas.vocabulary import DefectClass, LookVerdict
 
 _CELLS_MIN = 8  # along the defect, with one cell beyond it at each end; fewer show nothing of its look

@@ -1,0 +1,1 @@
+"""A second look at the places of defects, in the photographs of campaigns that did not detect them."""
