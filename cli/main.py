@@ -155,6 +155,7 @@ def demo(
 
 app.command()(results.campaigns)
 app.command()(results.defects)
+app.command()(results.tracks)
 app.command()(results.coverage)
 app.command()(results.sql)
 app.command()(results.export)

@@ -54,6 +54,29 @@ def defects(
     show_defects(console, lake, portfolio, building, campaign, defect_class, limit, resolve_version(lake, as_of))
 
 
+def tracks(
+    building: BuildingId,
+    state: Annotated[
+        str | None, typer.Option(help="Only these states, separated by commas, such as new,grown,reopened.")
+    ] = None,
+    defect_class: Annotated[str | None, typer.Option("--class", help="Only crack, spalling or moisture.")] = None,
+    limit: Annotated[int, typer.Option(min=1, help="Maximum number of rows.")] = 40,
+    as_of: AsOf = None,
+    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
+    lake: ExistingLakePath = DEFAULT_LAKE,
+) -> None:
+    """List the defects of a building over all its campaigns: what became of each, its size and change, when it was
+    first and last seen.
+
+    The state is that of the building's latest campaign. 'facadelake sql track_history track_id=...' tells all of one.
+    """
+    from cli.terminal.tracks import show_tracks
+    from facadelake.lake import resolve_version
+
+    version = resolve_version(lake, as_of)
+    show_tracks(console, lake, portfolio, building, states=state, defect_class=defect_class, limit=limit, as_of=version)
+
+
 def coverage(
     building: BuildingId,
     campaign: Annotated[

@@ -11,6 +11,7 @@ import typer
 from cli.options import (
     DEFAULT_LAKE,
     DEFAULT_PORTFOLIO,
+    AnyPortfolioPath,
     AsOf,
     BuildingId,
     CampaignId,
@@ -25,7 +26,8 @@ from facadelake.reviews.training import PictureMode, TrainingLabelFormat
 review = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode="rich",
-    help="Reviews of detections: export a task, import reviews, list the current ones (docs/reviews-and-training.md).",
+    help="Reviews of detections: export a task, import reviews, list the current ones; and of the state of a track "
+    "(docs/reviews-and-training.md).",
 )
 
 
@@ -117,6 +119,34 @@ def list_reviews(
         raise InputDataError(f"the lake {lake} holds no campaign of '{building}'; inspect one first")
     reviewed = [read_reviewed_campaign(registered, one, lake=lake, as_of=version) for one in chosen]
     show_reviews(console, reviewed, lines=lines)
+
+
+@review.command("track")
+def review_track(
+    track: Annotated[str, typer.Argument(help="Id of the track, such as castle-0042 ('facadelake tracks').")],
+    campaign: Annotated[str, typer.Argument(help="The campaign in which it is reviewed.")],
+    state: Annotated[
+        str,
+        typer.Argument(
+            help="What became of it there: new, first_seen, seen, grown, shrunk, repaired, not_found, not_imaged or "
+            "reopened."
+        ),
+    ],
+    *,
+    reviewer: Annotated[str, typer.Option(help="Name of the reviewer.")],
+    note: Annotated[str | None, typer.Option(help="What else there is to say.")] = None,
+    portfolio: AnyPortfolioPath = DEFAULT_PORTFOLIO,
+    lake: ExistingLakePath = DEFAULT_LAKE,
+) -> None:
+    """Give a defect its state in a campaign, in place of what tracking found. The latest review counts.
+
+    'facadelake track BUILDING', or the next inspection, applies it; later runs keep it.
+    """
+    from cli.terminal.tracks import show_track_review
+    from facadelake.reviews import review_track as add
+
+    done = add(lake, track, campaign, state, reviewer=reviewer, note=note)
+    show_track_review(console, done, track, campaign, state)
 
 
 def training_set(

@@ -12,7 +12,7 @@ from rich.table import Table as RichTable
 
 from facadelake.core.errors import InputDataError, suggest_name
 from facadelake.core.tables import list_rows
-from facadelake.lake import answer_question, has_lake, read_table
+from facadelake.lake import answer_question, has_lake, query, read_table
 from facadelake.registry import Portfolio, read_portfolio
 from facadelake.severity import describe_severity
 from schemas.vocabulary import CrackWidthOutcome, DefectClass
@@ -113,16 +113,19 @@ def show_defects(
         )
     chosen = [row for row in rows if defect_class in (None, row["defect_class"])]
     chosen.sort(key=lambda row: -max(row["width_m"], row["height_m"]))
+    tracks = _read_tracks(lake, building, as_of)
     table = RichTable(title=f"{len(chosen)} defects of {building}, the largest first", title_justify="left")
     wide = console.width >= WIDE_COLUMNS
-    for name in ("defect", "class", "severity", "facade", "storey", "size cm", "photos"):
+    names = ("defect", *(("track",) if tracks else ()), "class", "severity", "facade", "storey", "size cm", "photos")
+    for name in names:
         table.add_column(name, justify="right" if name in ("size cm", "photos") else "left", no_wrap=True)
     if wide:
         table.add_column("crack mm", justify="right", no_wrap=True)
         table.add_column("element")
         table.add_column("lon, lat, ellipsoidal height", no_wrap=True)
     for row in chosen[:limit]:
-        cells = [row["defect_id"], row["defect_class"], describe_severity(row), row["facade"], row["storey"] or ""]
+        cells = [row["defect_id"], *((tracks.get((row["campaign_id"], row["defect_id"]), ""),) if tracks else ())]
+        cells += [row["defect_class"], describe_severity(row), row["facade"], row["storey"] or ""]
         cells += [f"{row['width_m'] * 100:.0f} x {row['height_m'] * 100:.0f}", str(row["photo_count"])]
         if wide:
             cells.append(_format_crack_width(row))
@@ -132,6 +135,13 @@ def show_defects(
     console.print(table)
     if len(chosen) > limit:
         console.print(f"{len(chosen) - limit} more; --limit {len(chosen)} shows all")
+
+
+def _read_tracks(lake: Path, building: str, as_of: int | None) -> dict[tuple[str, str], str]:
+    """The track of each defect, by campaign and defect; empty where the building has no history."""
+    sql = "SELECT campaign_id, defect_id, track_id FROM defect_tracks WHERE building_id = $building_id"
+    rows = list_rows(query(lake, sql, {"building_id": building}, as_of=as_of))
+    return {(row["campaign_id"], row["defect_id"]): row["track_id"] for row in rows}
 
 
 def show_regrading(console: Console, found: Regrading, releases: Sequence[Path], registered: str | None) -> None:

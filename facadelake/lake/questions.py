@@ -16,6 +16,10 @@ from facadelake.lake.read import Value, query
 _NAMES = {
     "building_id": ("building", "campaigns", "building_id"),
     "campaign_id": ("campaign", "campaigns", "campaign_id"),
+    "since_campaign": ("campaign", "campaigns", "campaign_id"),
+    "from_campaign": ("campaign", "campaigns", "campaign_id"),
+    "to_campaign": ("campaign", "campaigns", "campaign_id"),
+    "track_id": ("track", "tracks", "track_id"),
 }
 _LISTED = 20
 
@@ -69,13 +73,13 @@ def find_latest_campaign(lake: Path, building_id: str, *, as_of: int | None = No
 
 
 def require_known_names(lake: Path, parameters: Mapping[str, Value], *, as_of: int | None = None) -> None:
-    """Check that the buildings and campaigns that parameters name are in the lake.
+    """Check that the buildings, campaigns and tracks that parameters name are in the lake.
 
     A question about another one has no rows, which reads as 'nothing is new'.
 
     Args:
         lake: folder of the lake.
-        parameters: values by name.
+        parameters: values by name; a track may be named by its number.
         as_of: an earlier version; None: the newest.
 
     Raises InputDataError for the first that is unknown, with those that are known.
@@ -93,7 +97,8 @@ def require_known_names(lake: Path, parameters: Mapping[str, Value], *, as_of: i
             as_of=as_of,
         )
         known = rows.column("name").to_pylist()
-        if given not in known:
+        numbers = {one.rpartition("-")[2].lstrip("0") for one in known} if name == "track_id" else set()
+        if given not in known and str(given).lstrip("0") not in numbers:
             at = "" if as_of is None else f" at version {as_of}"
             of = f" of building '{building}'" if where else ""
             listed = ", ".join(known[:_LISTED]) + (f" and {len(known) - _LISTED} more" if len(known) > _LISTED else "")

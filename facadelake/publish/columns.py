@@ -15,7 +15,8 @@ PATCH = "patch"  # the outline on the surface: a second geometry, which most for
 GEOMETRIES = (PATCH, GEOMETRY)
 # First columns of an attribute table; the others follow in the order of schemas/.
 FIRST = (
-    "defect_id", "detection_id", "defect_class", "severity", "severity_low", "severity_high", "width_m", "height_m",
+    "track_id", "track_state", "state_evidence", "defect_id", "detection_id", "defect_class", "severity",
+    "severity_low", "severity_high", "width_m", "height_m",
     "length_m", "crack_width_mm", "crack_width_sigma_mm", "crack_width_blur_mm", "crack_width_limit_mm",
     "crack_width_outcome", "area_m2", "photo_count", "score", "storey", "facade", "ifc_class",
     "element_name", "material", "element_guid", "photo_id", "best_photo_id", "best_photo_uri", "captured_at",

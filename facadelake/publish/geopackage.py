@@ -9,8 +9,9 @@ corner, the outline is not foreshortened.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -35,18 +36,23 @@ _COVERAGE_COLUMNS = [
     "found_crack_width_mm", "found_patch_mm", "area_m2", "facade", "storey", "element_guid", "cell_column", "cell_row",
     "cell_layer", "best_photo_id", "campaign_id",
 ]  # fmt: skip
+STYLES = "layer_styles"
 LEVEL = "level"  # roofs, floors and soffits: plan view, u east and v north
 
 
 @dataclass(frozen=True, kw_only=True)
 class GisLayer:
-    """A GeoPackage layer; ``geometry`` holds one WKB per row, of the GDAL type ``geometry_type``."""
+    """A GeoPackage layer; ``geometry`` holds one WKB per row, of the GDAL type ``geometry_type``.
+
+    ``style``: QML, with which QGIS draws it.
+    """
 
     name: str
     rows: pa.Table
     geometry: list[bytes | None]
     geometry_type: str
     crs: str
+    style: str | None = None
 
 
 def create_plane_crs(facade: str) -> str:
@@ -90,15 +96,16 @@ def _create_2d_and_3d(rows: pa.Table, name: str, column: str) -> Iterator[GisLay
         )
 
 
-def create_facade_layers(defects: pa.Table) -> Iterator[GisLayer]:
-    """One layer per facade of one building: each defect's outline in the facade's plane (u, v in metres).
+def create_facade_layers(defects: pa.Table, prefix: str = "facade") -> Iterator[GisLayer]:
+    """One layer per facade of one building, such as facade_N: outlines of defects, or tracks, in the facade's plane
+    (u, v in metres).
 
     A facade whose azimuth differs between campaigns, because the model was changed, has a layer for each.
     """
     for name, azimuth_deg, rows in _divide_by_plane(defects):
         polygons, geometry_type = _unify_types(_create_outlines(rows, azimuth_deg))
         yield GisLayer(
-            name=f"facade_{name}",
+            name=f"{prefix}_{name}",
             rows=rows,
             geometry=_wkb_from_geometries(polygons),
             geometry_type=geometry_type,
@@ -191,10 +198,11 @@ def _measure_offsets(rows: pa.Table, vertices_geo: Float64Nx3, row: Int64Array) 
 def write_layers(layers: Iterator[GisLayer], path: Path) -> dict[str, int]:
     """Write a new GeoPackage with the layers in the given order, and return their numbers of rows by name.
 
-    GIS programs open the first one by default.
+    GIS programs open the first one by default. Styles are rows of a table ``layer_styles``, as QGIS writes them.
     """
     path.unlink(missing_ok=True)
     rows = {}
+    styles = {}
     for index, layer in enumerate(layers):
         pyogrio.write_arrow(
             flatten_table(layer.rows).append_column(GEOMETRY, pa.array(layer.geometry, pa.binary())),
@@ -207,7 +215,35 @@ def write_layers(layers: Iterator[GisLayer], path: Path) -> dict[str, int]:
             append=index > 0,
         )
         rows[layer.name] = len(layer.rows)
+        if layer.style is not None:
+            styles[layer.name] = layer.style
+    if styles:
+        _write_styles(styles, path)
+        rows[STYLES] = len(styles)
     return rows
+
+
+def _write_styles(styles: Mapping[str, str], path: Path) -> None:
+    """Add the table of default styles (QML by layer) that QGIS looks for in a GeoPackage."""
+    count = len(styles)
+    table = pa.table(
+        {
+            "f_table_catalog": [""] * count,
+            "f_table_schema": [""] * count,
+            "f_table_name": list(styles),
+            "f_geometry_column": [GEOMETRY] * count,
+            "styleName": list(styles),
+            "styleQML": list(styles.values()),
+            "styleSLD": [""] * count,
+            "useAsDefault": [True] * count,
+            "description": ["states of tracks"] * count,
+            "owner": [""] * count,
+            "ui": [""] * count,
+            "update_time": pa.array([datetime.now(UTC)] * count, pa.timestamp("ms", tz="UTC")),
+        }
+    )
+    options = {"layer": STYLES, "driver": "GPKG", "geometry_name": None, "geometry_type": None, "append": True}
+    pyogrio.write_arrow(table, path, **options, FID="id")
 
 
 def write_attribute_table(table: pa.Table, name: str, path: Path) -> None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pyarrow as pa
 
 from facadelake.publish.columns import order_columns
-from schemas.tables import TABLES
+from schemas.tables import LAKE_TABLES
+from schemas.vocabulary import TrackState
 
 _FILES = """defects.parquet       defects as points, GeoParquet 1.1, EPSG:4979 (longitude, latitude, ellipsoidal
                       height); second geometry column 'patch': outline on the surface
@@ -18,15 +20,26 @@ defects.gpkg          GeoPackage. Layers: 'defects' (as defects_2d.parquet) and 
                       'facade_N', 'facade_NE', ... (outlines, or boxes where no outline was measured, in the plane of
                       the facade: u in metres to the right as seen from outside, v in metres up, both from the site's
                       origin; 'facade_level': plan view); 'coverage_3d' and 'coverage_N', 'coverage_NE', ... (the cells
-                      of coverage.parquet on the surface, and in the plane of the facade). Lists of numbers are JSON
+                      of coverage.parquet on the surface, and in the plane of the facade); where there is a history,
+                      'tracks' and 'track_states' (as tracks.parquet without withdrawn tracks, and history.parquet),
+                      both also in 3D ('_3d'), and 'tracks_N', 'tracks_NE', ... (outlines of the tracks in the plane
+                      of the facade), which QGIS draws by state, from table 'layer_styles'. Lists of numbers are JSON
                       text.
 observations.parquet  every detection with the outcome of its registration on the surface, EPSG:4979
 coverage.parquet      cells of 0.25 m of the facades: which the photographs show and how well, EPSG:4979; missing where
-                      coverage was not measured"""
+                      coverage was not measured
+tracks.parquet        the defects of the building for life, with their state in its latest campaign, EPSG:4979; place
+                      and size are of the latest campaign that detected them
+history.parquet       the state of each track in each campaign, what it rests on, and its change since the detection
+                      before, EPSG:4979; sizes and severity are of that campaign, empty where it did not detect it.
+                      Both have all campaigns of this version of the lake; they are missing where there is no history"""
 
 
-def format_readme(tables: Mapping[str, pa.Table], *, version: int) -> str:
-    """The text for one campaign's tables (buildings, georeference, runs, defects; columns as in the lake)."""
+def format_readme(tables: Mapping[str, pa.Table], states: pa.Table, *, version: int) -> str:
+    """The text for one campaign's tables (buildings, georeference, runs, defects; columns as in the lake).
+
+    ``states``: the states of the building's tracks, as published.
+    """
     building, georeference, run = (_read_first_row(tables[name]) for name in ("buildings", "georeference", "runs"))
     return f"""{building["building_name"]} ({building["building_id"]}), campaign {building["campaign_id"]}
 {len(tables["defects"])} defects; version {version} of the lake.
@@ -45,9 +58,12 @@ x_site_m, y_site_m, z_site_m                       metres east, north and up of 
 {_format_uncertainty(georeference)}
 {georeference["remarks"]}
 
-COLUMNS of defects
-{_describe_columns(tables["defects"])}
+HISTORY
+{_describe_history(states)}
 
+COLUMNS of defects
+{_describe_columns(order_columns(tables["defects"]).column_names)}
+{_describe_history_columns(tables["defects"], states)}
 PROVENANCE
 Facadelake {run["facadelake_version"]}, code {run["code_sha256"]}
 inputs {run["inputs_sha256"]}
@@ -97,10 +113,32 @@ def _read_first_row(table: pa.Table) -> dict[str, Any]:
     return row
 
 
-def _describe_columns(table: pa.Table) -> str:
-    columns = {column.name: column for column in TABLES["defects"].columns}
+def _describe_history(states: pa.Table) -> str:
+    if not len(states):
+        return (
+            "none: the building's defects had not been followed over its campaigns in this version of the lake "
+            "('facadelake track')"
+        )
+    campaigns = list(dict.fromkeys(states.sort_by("captured_from").column("campaign_id").to_pylist()))
     lines = []
-    for name in order_columns(table).column_names:
+    for campaign in campaigns:
+        found = Counter(row["track_state"] for row in states.to_pylist() if row["campaign_id"] == campaign)
+        lines.append(f"{campaign}: " + ", ".join(f"{found[state]} {state}" for state in TrackState if found[state]))
+    return "\n".join(lines)
+
+
+def _describe_history_columns(defects: pa.Table, states: pa.Table) -> str:
+    if not len(states):
+        return ""
+    names = dict.fromkeys([*order_columns(states).column_names, *LAKE_TABLES["tracks"].arrow.names])
+    own = _describe_columns([name for name in names if name not in defects.column_names])
+    return f"\nCOLUMNS of tracks and history that defects do not have\n{own}\n"
+
+
+def _describe_columns(names: Sequence[str]) -> str:
+    columns = {column.name: column for kind in LAKE_TABLES.values() for column in kind.columns}
+    lines = []
+    for name in names:
         column = columns[name]
         unit = f" [{column.unit}]" if column.unit else ""
         lines.append(f"{name:<24}{column.meaning}{unit}")

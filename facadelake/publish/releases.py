@@ -26,6 +26,8 @@ from facadelake.publish.geopackage import (
     write_layers,
 )
 from facadelake.publish.geoparquet import drop_heights, geodataframe_from_table, write_geoparquet
+from facadelake.publish.history import TABLES as HISTORY
+from facadelake.publish.history import create_history_layers, join_states
 from facadelake.publish.older_grades import mark_older_grades
 from facadelake.publish.readme import format_readme
 
@@ -36,6 +38,8 @@ FILES = (
     "defects_2d.parquet",
     "observations.parquet",
     "coverage.parquet",
+    "tracks.parquet",
+    "history.parquet",
     "defects.gpkg",
     "README.txt",
 )
@@ -91,12 +95,13 @@ def publish_campaign(
         logger.info("release %s exists already", folder)
         return folder
     tables = read_tables(lake, TABLES, building_id=building_id, campaign_id=campaign_id, as_of=version)
+    history = read_tables(lake, HISTORY, building_id=building_id, as_of=version)
     if not len(tables["campaigns"]):
         raise InputDataError(f"lake {lake} has no campaign {campaign_id} of {building_id} in version {version}")
     temporary = folder.parent / f".{folder.name}.{uuid.uuid4().hex[:8]}.part"
     try:
         temporary.mkdir(parents=True)
-        _write_files(temporary, tables, version=version, pictures=pictures)
+        _write_files(temporary, tables, history, version=version, pictures=pictures)
         for path in temporary.rglob("*"):
             if path.is_file():
                 path.chmod(0o444)
@@ -150,23 +155,39 @@ def publish_regraded(lake: Path, *, building_id: str, campaign_id: str, version:
         ) from error
 
 
-def _write_files(folder: Path, tables: dict[str, pa.Table], *, version: int, pictures: Path | None) -> None:
+def _write_files(
+    folder: Path,
+    tables: dict[str, pa.Table],
+    history: dict[str, pa.Table],
+    *,
+    version: int,
+    pictures: Path | None,
+) -> None:
     if pictures is not None:
         shutil.copytree(pictures, folder, dirs_exist_ok=True)
     defects = tables["defects"]
     points = geodataframe_from_table(defects)
-    defects_3d, defects_2d, observations, coverage, layers, text = (folder / name for name in FILES)
+    defects_3d, defects_2d, observations, coverage, tracks, states, layers, text = (folder / name for name in FILES)
     write_geoparquet(points, defects_3d)
     write_geoparquet(drop_heights(points), defects_2d)
     write_geoparquet(geodataframe_from_table(tables["observations"]), observations)
     cells = tables["coverage"]
     if len(cells):  # a campaign that was committed before coverage was measured has none
         write_geoparquet(geodataframe_from_table(cells), coverage)
+    joined = join_states(history)
+    if len(history["tracks"]):  # a building whose campaigns were committed without a history has none
+        write_geoparquet(geodataframe_from_table(history["tracks"]), tracks)
+        write_geoparquet(geodataframe_from_table(joined), states)
     write_layers(
-        chain(create_map_layers(defects, "defects"), create_facade_layers(defects), create_coverage_layers(cells)),
+        chain(
+            create_map_layers(defects, "defects"),
+            create_facade_layers(defects),
+            create_coverage_layers(cells),
+            create_history_layers(history["tracks"], joined),
+        ),
         layers,
     )
-    text.write_text(format_readme(tables, version=version), encoding="utf-8")
+    text.write_text(format_readme(tables, joined, version=version), encoding="utf-8")
 
 
 def _find_releases(campaign: Path) -> dict[int, Path]:

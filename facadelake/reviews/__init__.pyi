@@ -13,3 +13,5 @@ from .review_matching import ReviewStatus as ReviewStatus
 from .review_matching import match_reviews as match_reviews
 from .review_matching import select_accepted_detections as select_accepted_detections
 from .task_files import ReviewTask as ReviewTask
+from .track_reviews import TrackReviewResult as TrackReviewResult
+from .track_reviews import review_track as review_track

@@ -7,6 +7,7 @@ SELECT
     building_id,
     campaign_id,
     defect_id,
+    track_id,
     defect_class,
     round(deviation_from_model_m, 3) AS deviation_from_model_m,
     round(deviation_sigma_m, 3) AS deviation_sigma_m,
@@ -21,6 +22,7 @@ SELECT
     best_photo_id,
     best_photo_uri
 FROM defects
+LEFT JOIN defect_tracks USING (building_id, campaign_id, defect_id)
 WHERE ($building_id::VARCHAR IS NULL OR building_id = $building_id)
   AND ($campaign_id::VARCHAR IS NULL OR campaign_id = $campaign_id)
   AND abs(deviation_from_model_m) > 2 * deviation_sigma_m

@@ -7,6 +7,7 @@ SELECT
     o.building_id,
     o.campaign_id,
     o.defect_id,
+    m.track_id,
     o.defect_class,
     d.detector,
     d.detector_sha256,
@@ -16,6 +17,8 @@ SELECT
     count(*) FILTER (r.verdict = 'rejected') AS rejected
 FROM observations AS o
 JOIN detections AS d USING (building_id, campaign_id, detection_id)
+LEFT JOIN defect_tracks AS m
+    ON m.building_id = o.building_id AND m.campaign_id = o.campaign_id AND m.defect_id = o.defect_id
 LEFT JOIN current_reviews AS r
     ON r.building_id = d.building_id
     AND r.campaign_id = d.campaign_id

@@ -7,6 +7,8 @@ SELECT
     building_id,
     campaign_id,
     defect_id,
+    track_id,
+    track_state,
     defect_class,
     severity,
     severity_low,
@@ -31,6 +33,7 @@ SELECT
     best_photo_uri
 FROM defects
 LEFT JOIN severities USING (severity_rule, severity)
+LEFT JOIN defect_tracks USING (building_id, campaign_id, defect_id)
 WHERE ($building_id::VARCHAR IS NULL OR building_id = $building_id)
   AND ($campaign_id::VARCHAR IS NULL OR campaign_id = $campaign_id)
 ORDER BY

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from facadelake.lake.questions import answer_question, list_questions
+from facadelake.lake.questions import answer_question
 from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, commit
 
 
@@ -14,19 +14,6 @@ def lake(tmp_path_factory: pytest.TempPathFactory) -> Path:
     commit(folder, defects=4, sightings=2)
     commit(folder, campaign_id="2026-10", defects=1, sightings=1)
     return folder
-
-
-@pytest.mark.parametrize("question", list_questions(), ids=lambda question: question.name)
-def test_every_named_question_has_an_answer(lake: Path, question) -> None:
-    given = {"building_id": BUILDING}
-    if "campaign_id" in question.parameters:
-        given["campaign_id"] = CAMPAIGN
-    answer = answer_question(lake, question.name, given)
-    assert question.grain
-    assert set(answer["building_id"].to_pylist()) <= {BUILDING}
-    if "campaign_id" in question.parameters:
-        assert set(answer["campaign_id"].to_pylist()) <= {CAMPAIGN}
-    assert (len(answer) == 0) == (question.name == "failed_checks")
 
 
 def test_answers_are_right(lake: Path) -> None:

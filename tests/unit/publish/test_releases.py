@@ -408,7 +408,7 @@ def test_failure_leaves_no_folder(lake: tuple[Path, int], monkeypatch: pytest.Mo
     def full(text: str) -> str:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(releases, "format_readme", lambda tables, version: full(""))
+    monkeypatch.setattr(releases, "format_readme", lambda *_, **__: full(""))
     with pytest.raises(StoreError, match=r"No space left .*; the data are committed in version \d+ of the lake: check"):
         publish_campaign(lake[0], version=lake[1], **KEYS)
     assert list((lake[0] / "published" / BUILDING / CAMPAIGN).iterdir()) == []

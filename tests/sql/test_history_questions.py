@@ -1,0 +1,193 @@
+"""The questions about the history have right answers, by the campaigns' times and not by the text of their ids."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from facadelake.core.errors import InputDataError
+from facadelake.lake.questions import answer_question, list_questions, require_known_names
+from tests.sql.small_history import ELEMENT, FIRST, SECOND, THIRD, commit_history
+from tests.unit.lake.small_campaign import BUILDING, commit
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, int]]:
+    folder = tmp_path_factory.mktemp("lake")
+    return folder, commit_history(folder)
+
+
+def ask(built: tuple[Path, dict[str, int]], question: str, as_of: int | None = None, **given: Any) -> list[dict]:
+    rows = answer_question(built[0], question, given, as_of=as_of).to_pylist()
+    return [{**row, "track": int(row["track_id"][-4:])} if row.get("track_id") else row for row in rows]
+
+
+@pytest.mark.parametrize("question", list_questions(), ids=lambda question: question.name)
+def test_every_question_has_an_answer(built, question) -> None:
+    given = {"building_id": BUILDING}
+    if "campaign_id" in question.parameters:
+        given["campaign_id"] = THIRD
+    answer = ask(built, question.name, **given)
+    assert question.grain
+    assert {row["building_id"] for row in answer} <= {BUILDING}
+    if "campaign_id" in question.parameters:
+        assert {row["campaign_id"] for row in answer} <= {THIRD}
+    assert (len(answer) == 0) == (question.name == "failed_checks")
+
+
+def test_new_since_a_campaign_or_a_date(built) -> None:
+    def tracks(**given: Any) -> list[tuple]:
+        return [(row["track"], row["campaign_id"], row["track_state"]) for row in ask(built, "new_since", **given)]
+
+    in_third = [(5, THIRD, "new"), (6, THIRD, "first_seen")]
+    assert tracks() == tracks(since_campaign=SECOND) == in_third  # the latest is that of 2026, not z-2025
+    after_first = [(5, THIRD, "new"), (4, SECOND, "new"), (6, THIRD, "first_seen")]
+    assert tracks(since_campaign=FIRST) == after_first  # the severe one first
+    assert tracks(since_date="2025-04-01") == after_first  # flown on that day: known at its end
+    assert len(tracks(since_date="2025-03-31")) == 7
+    assert tracks(since_date="2025-10-01") == in_third
+    assert tracks(since_date="2026-04-01") == tracks(since_campaign=THIRD) == []
+    assert tracks(building_id="nobody's") == []
+    (row,) = [row for row in ask(built, "new_since", since_campaign=FIRST) if row["track"] == 4]
+    assert (row["current_state"], row["crack_width_mm"], row["defect_id"]) == ("grown", 0.5, "defect-0001")
+
+
+def test_grown_defects_are_ranked_by_their_rate_with_its_sigma(built) -> None:
+    width, length = ask(built, "grown_defects")
+    # 0.1 mm of 0.4 mm in 182 days, 0.06 m of 0.3 m in 183 days
+    assert (width["track"], width["changed_quantity"], width["size_before"], width["size"]) == (
+        4, "crack_width_mm", 0.4, 0.5,
+    )  # fmt: skip
+    assert width["per_year"] == pytest.approx(0.1 * 365.25 / 182, rel=0, abs=1e-4)  # mm
+    assert width["per_year_sigma"] == pytest.approx(0.02 * 365.25 / 182, rel=0, abs=1e-4)  # mm
+    assert (width["percent_per_year"], width["percent_per_year_sigma"]) == (50.2, 10.0)
+    assert (length["track"], length["campaign_id"], length["current_state"]) == (1, SECOND, "seen")
+    assert (length["size_before"], length["change"], length["change_sigma"]) == (0.3, 0.06, 0.01)
+    assert (length["percent_per_year"], length["percent_per_year_sigma"]) == (39.9, 6.7)
+    assert [row["track"] for row in ask(built, "grown_defects", campaign_id=THIRD)] == [4]
+    assert [row["track"] for row in ask(built, "grown_defects", quantity="length_m")] == [1]
+    assert len(ask(built, "grown_defects", limit=1)) == 1
+
+
+def test_repairs_and_whether_they_held(built) -> None:
+    found = {row["track"]: row for row in ask(built, "repaired_defects")}
+    assert {track: (row["campaign_id"], row["repair_outcome"]) for track, row in found.items()} == {
+        2: (SECOND, "reopened"), 7: (THIRD, "not_checked"), 3: (SECOND, "holds"),
+    }  # fmt: skip
+    assert list(found) == [2, 7, 3]
+    assert (found[7]["there_before"], found[7]["reviewer"], found[3]["confirmed_count"]) == (FIRST, "A. Mason", 1)
+    (failed,) = ask(built, "repairs_that_did_not_hold")
+    assert (failed["track"], failed["there_before"], failed["repaired_campaign"], failed["reopened_campaign"]) == (
+        2, FIRST, SECOND, THIRD,
+    )  # fmt: skip
+    assert (failed["years_until_reopened"], failed["area_before_m2"], failed["area_reopened_m2"]) == (0.5, 0.08, 0.1)
+
+
+def test_two_campaigns_side_by_side(built) -> None:
+    rows = ask(built, "campaigns_compared")
+    assert {(row["from_campaign"], row["to_campaign"]) for row in rows} == {(SECOND, THIRD)}
+    assert [(row["track"], row["state_from"], row["state_to"]) for row in rows] == [
+        (4, "new", "grown"), (2, "repaired", "reopened"), (5, None, "new"), (6, None, "first_seen"),
+        (3, "repaired", "repaired"), (7, "not_imaged", "repaired"), (1, "grown", "seen"),
+    ]  # fmt: skip
+    crack, again = rows[0], rows[1]
+    assert (crack["crack_width_from_mm"], crack["crack_width_to_mm"], crack["crack_width_to_sigma_mm"]) == (
+        0.4, 0.5, 0.014,
+    )  # fmt: skip
+    assert (crack["crack_width_change_mm"], crack["crack_width_change_sigma_mm"]) == (0.1, 0.02)
+    # Its size was compared with the first campaign's: no change since the second is claimed.
+    assert (again["changed_since"], again["area_change_m2"], again["area_to_m2"]) == (FIRST, None, 0.1)
+    whole = ask(built, "campaigns_compared", from_campaign=FIRST, to_campaign=THIRD)
+    (again,) = [row for row in whole if row["track"] == 2]
+    assert (again["area_change_m2"], again["area_change_sigma_m2"], again["area_from_m2"]) == (0.02, 0.015, 0.08)
+    one = ask(built, "campaigns_compared", to_campaign=SECOND)
+    assert {row["from_campaign"] for row in one} == {FIRST}
+
+
+def test_everything_on_an_element_and_on_a_track(built) -> None:
+    rows = ask(built, "element_history", element_guid=ELEMENT)
+    assert len(rows) == 16  # 11 detected, 5 looks
+    assert [(row["campaign_id"], row["track_state"]) for row in rows if row["track"] == 2] == [
+        (FIRST, "first_seen"), (SECOND, "repaired"), (THIRD, "reopened"),
+    ]  # fmt: skip
+    assert ask(built, "element_history", element_guid="another") == []
+    first, gone, again = ask(built, "track_history", track_id="tower-0002")
+    assert (first["campaign_id"], first["photo_id"]) == (FIRST, "closerange/p0.jpg")
+    assert (gone["look_verdict"], gone["look_similarity"], gone["photo_id"]) == ("gone", 0.12, "closerange/p1.jpg")
+    assert (again["area_m2"], again["area_change_m2"], again["area_change_sigma_m2"]) == (0.1, 0.02, 0.015)
+    assert ask(built, "track_history", track_id="2") == [first, gone, again]
+    assert ask(built, "track_history", track_id="4")[0]["relations"] == "split_from tower-0001"
+
+
+def test_the_portfolio_is_ranked_by_growth(built) -> None:
+    (row,) = ask(built, "growth_by_building")
+    assert (row["tracks"], row["compared"], row["grown"], row["grown_share"]) == (7, 3, 2, 0.667)
+    assert row["grown_share_sigma"] == pytest.approx(0.272, rel=0, abs=0.001)
+    watched = (183 + 182 + 365 + 182) / 365.25  # years: track 1 twice, 2, 4
+    assert row["growths_per_defect_year"] == pytest.approx(2 / watched, rel=0, abs=1e-4)
+    assert row["growths_per_defect_year_sigma"] == pytest.approx(2**0.5 / watched, rel=0, abs=1e-4)
+    assert (row["new"], row["new_per_year"], row["reopened"], row["reopened_per_year"]) == (2, 2.0, 1, 1.0)
+
+
+def test_what_was_known_when_and_by_which_model_and_code(built) -> None:
+    first, second, third = ask(built, "provenance")
+    assert [row["campaign_id"] for row in (first, second, third)] == [FIRST, SECOND, THIRD]
+    assert (third["code_sha256"], third["detector_sha256"], third["detectors"]) == (
+        "c" * 64, "d" * 64, "coco:boxes.json",
+    )  # fmt: skip
+    assert (third["tracks"], third["appeared"], third["grown"], third["repaired"]) == (7, 2, 1, 2)
+    assert third["history_version"] == first["history_version"] == built[1]["history"]
+    assert second["version"] == built[1][SECOND]
+    (then,) = ask(built, "provenance", as_of=built[1][FIRST])
+    assert (then["campaign_id"], then["defects_total"], then["history_version"]) == (FIRST, 4, None)
+
+
+def test_states_by_campaign_in_order_of_time(built) -> None:
+    rows = ask(built, "states_by_campaign")
+    assert [(row["campaign_id"], row["tracks"], row["repaired"], row["reviewed"]) for row in rows] == [
+        (FIRST, 4, 0, 0), (SECOND, 5, 2, 0), (THIRD, 7, 2, 1),
+    ]  # fmt: skip
+    assert [row["campaign_id"] for row in ask(built, "campaigns")] == [FIRST, SECOND, THIRD]
+
+
+def test_lists_of_defects_name_the_track(built) -> None:
+    rows = ask(built, "worst_defects", campaign_id=THIRD)
+    assert {row["defect_id"]: (row["track"], row["track_state"]) for row in rows} == {
+        "defect-0000": (1, "seen"), "defect-0001": (2, "reopened"), "defect-0002": (4, "grown"),
+        "defect-0003": (5, "new"), "defect-0004": (6, "first_seen"),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (
+            {"since_campaign": "2025-11"},
+            r"campaign '2025-11' \(did you mean '2025-10'\?\); it has 2025-10, 2026-04, z-2025",
+        ),
+        ({"building_id": "towr"}, r"no building 'towr' \(did you mean 'tower'\?\)"),
+        ({"building_id": "tower", "to_campaign": "x"}, "no campaign 'x'"),
+        ({"track_id": "tower-0099"}, "no track 'tower-0099'"),
+        ({"track_id": "99"}, "no track '99'"),
+    ],
+)
+def test_an_unknown_name_is_told_and_not_answered_with_no_rows(built, given: dict[str, str], told: str) -> None:
+    """No rows would read as 'nothing is new'."""
+    with pytest.raises(InputDataError, match=told):
+        require_known_names(built[0], given)
+
+
+def test_known_names_are_accepted(built) -> None:
+    require_known_names(built[0], {"building_id": BUILDING, "campaign_id": THIRD, "track_id": "2", "limit": "3"})
+    require_known_names(built[0], {"track_id": "tower-0008", "building_id": None})
+    with pytest.raises(InputDataError, match=f"no campaign '{THIRD}'"):
+        require_known_names(built[0], {"campaign_id": THIRD}, as_of=built[1][SECOND])
+
+
+def test_a_building_without_a_history_is_listed_without_numbers(tmp_path: Path) -> None:
+    commit(tmp_path, defects=1)
+    (row,) = answer_question(tmp_path, "growth_by_building").to_pylist()
+    assert (row["building_id"], row["campaigns"], row["tracks"]) == (BUILDING, 1, None)
+    assert len(answer_question(tmp_path, "worst_defects")) == 1
