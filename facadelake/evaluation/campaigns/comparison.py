@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,15 +11,15 @@ import pyarrow as pa
 
 from facadelake.core.arrays import Float64N, Float64Nx2, Float64Nx3, Float64x3
 from facadelake.core.camera import PosedCamera
-from facadelake.core.errors import InputDataError, SchemaError
+from facadelake.core.errors import SchemaError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.pose_table import read_posed_cameras
+from facadelake.evaluation.campaigns.association import COCO_PREFIX, match_defects, match_detections
 from facadelake.evaluation.campaigns.cameras import CameraErrors, compare_cameras
 from facadelake.evaluation.campaigns.samples import PositionSamples, Row, collect_position_samples
 from facadelake.evaluation.campaigns.truth import Truth, read_truth
 from schemas.vocabulary import DetectionOutcome, ObservationOutcome
 
-_COCO_PREFIX = "coco:"
 POSITION_TOLERANCE_M = 0.001
 
 
@@ -113,7 +112,9 @@ def compare_with_truth(
             row for row in observations.to_pylist() if row["observation_outcome"] == ObservationOutcome.REGISTERED
         ],
         defects=defects.to_pylist(),
-        check_point_of_detection=_match_detections(detections, content, truth),
+        check_point_of_detection=match_detections(
+            detections, content.check_point_of_annotation, truth / "detections.csv"
+        ),
         xyz_true_site_m=dict(zip(names, origin.site_from_geo(geo), strict=True)),
     )
     _check_positions([*campaign.registered, *campaign.defects], origin, map_crs)
@@ -122,12 +123,14 @@ def compare_with_truth(
         for row in campaign.registered
         if (point := campaign.check_point_of_detection.get(row["detection_id"])) is not None
     ]
-    check_point_by_defect = _match_defects(campaign)
+    check_point_by_defect = match_defects(
+        [row["defect_id"] for row in campaign.defects], campaign.registered, campaign.check_point_of_detection
+    )
     matched_defects = [
         (row, point) for row, point in zip(campaign.defects, check_point_by_defect, strict=True) if point is not None
     ]
     cameras = compare_cameras(poses, photo_ids, content, origin, truth)
-    imported = any(detector.startswith(_COCO_PREFIX) for detector in detections.column("detector").to_pylist())
+    imported = any(detector.startswith(COCO_PREFIX) for detector in detections.column("detector").to_pylist())
     accepted = _select_accepted(campaign)
     roundtrip_px, roundtrip_cm = _compute_round_trip(
         campaign, {row["detection_id"]: row for row in campaign.registered}
@@ -194,29 +197,6 @@ def _compute_box_centre(row: Row) -> Float64Nx2:
     return np.array([[x, y]], dtype=np.float64)
 
 
-def _match_detections(detections: pa.Table, truth: Truth, folder: Path) -> dict[str, str | None]:
-    """The check point of each imported detection by its id; None for one that shows no check point."""
-    check_points: dict[str, str | None] = {}
-    imported: dict[tuple[str, str], str] = {}
-    for row in detections.select(["detection_id", "detector", "source_annotation"]).to_pylist():
-        if not row["detector"].startswith(_COCO_PREFIX):
-            continue
-        key = (row["detector"].removeprefix(_COCO_PREFIX), row["source_annotation"])
-        if key[0] not in truth.files:
-            raise InputDataError(
-                f"{folder / 'detections.csv'}, column file: no line for '{key[0]}', the source of the campaign's "
-                f"detections (files: {', '.join(sorted(truth.files))}); evaluate one of these, or add the file"
-            )
-        if key in imported:
-            raise InputDataError(
-                f"annotation {key[1]} of {key[0]} was imported as {imported[key]} and {row['detection_id']}; truth "
-                "identifies annotations by id, so give each annotation its own id"
-            )
-        imported[key] = row["detection_id"]
-        check_points[row["detection_id"]] = truth.check_point_of_annotation.get(key)
-    return check_points
-
-
 def _select_accepted(campaign: _CampaignRows) -> list[tuple[Row, str]]:
     """Accepted detections with the check point that they show."""
     rows = (
@@ -241,22 +221,6 @@ def _compute_ray_errors(campaign: _CampaignRows, accepted: Sequence[tuple[Row, s
         along = max(float(offset @ directions[0]), 0.0)  # a ray starts at its origin
         distances.append(float(np.linalg.norm(offset - along * directions[0])))
     return np.array(distances, dtype=np.float64)
-
-
-def _match_defects(campaign: _CampaignRows) -> list[str | None]:
-    """The check point that most observations of each defect show; of equally many, the first by name.
-
-    None for a defect most of whose observations show no check point.
-    """
-    counts_by_defect: dict[str, Counter[str | None]] = defaultdict(Counter)
-    for row in campaign.registered:
-        if row["defect_id"]:
-            counts_by_defect[row["defect_id"]][campaign.check_point_of_detection.get(row["detection_id"])] += 1
-    check_points = []
-    for defect in campaign.defects:
-        counts = counts_by_defect[defect["defect_id"]]
-        check_points.append(min(counts, key=lambda name: (-counts[name], name is None, name or ""), default=None))
-    return check_points
 
 
 def _compute_round_trip(campaign: _CampaignRows, positions: Mapping[str, Row]) -> tuple[Float64Nx2, Float64Nx2]:

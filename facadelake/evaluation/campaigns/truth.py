@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 
 from facadelake.core.arrays import Float64x3
 from facadelake.core.errors import InputDataError
+from facadelake.evaluation.truth_tables import CsvRow, read_truth_rows
 
 OFF_TARGET = "off_target"
 _GEO = ("lon_deg", "lat_deg", "height_ellipsoidal_m")
@@ -37,11 +37,6 @@ class Truth:
     checkpoints: Mapping[str, CheckPoint]
     check_point_of_annotation: Mapping[tuple[str, str], str | None]
 
-    @property
-    def files(self) -> frozenset[str]:
-        """The detections files whose annotations are listed."""
-        return frozenset(file for file, _ in self.check_point_of_annotation)
-
 
 def read_truth(folder: Path) -> Truth:
     """Read ``cameras.csv``, ``checkpoints.csv`` and ``detections.csv`` of a truth folder.
@@ -50,15 +45,15 @@ def read_truth(folder: Path) -> Truth:
     Raises InputDataError where a file is missing or invalid.
     """
     cameras = {
-        row["image"]: _parse_position(row) for row in _read_rows(folder / "cameras.csv", "image", "image", *_GEO)
+        row["image"]: _parse_position(row) for row in read_truth_rows(folder / "cameras.csv", "image", "image", *_GEO)
     }
     checkpoints = {
         row["id"]: CheckPoint(geo=_parse_position(row), element_guid=row["element_guid"])
-        for row in _read_rows(folder / "checkpoints.csv", "id", "id", "element_guid", *_GEO)
+        for row in read_truth_rows(folder / "checkpoints.csv", "id", "id", "element_guid", *_GEO)
     }
     path = folder / "detections.csv"
     check_point_of_annotation: dict[tuple[str, str], str | None] = {}
-    for row in _read_rows(path, None, "file", "annotation_id", "checkpoint_id"):
+    for row in read_truth_rows(path, None, "file", "annotation_id", "checkpoint_id"):
         key, check_point = (row["file"], row["annotation_id"]), row["checkpoint_id"]
         if key in check_point_of_annotation:
             raise InputDataError(f"{row.place}: annotation {key[1]} of {key[0]} is listed twice; keep one line")
@@ -71,44 +66,7 @@ def read_truth(folder: Path) -> Truth:
     return Truth(cameras=cameras, checkpoints=checkpoints, check_point_of_annotation=check_point_of_annotation)
 
 
-class _CsvRow(dict[str, str]):
-    """A line of a CSV file; ``place`` is file and line, for messages."""
-
-    place: str
-
-
-def _read_rows(path: Path, unique: str | None, *columns: str) -> list[_CsvRow]:
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.DictReader(stream)
-            missing = sorted(set(columns) - set(reader.fieldnames or ()))
-            if missing:
-                raise InputDataError(
-                    f"{path} has no column {', '.join(missing)} (it has {reader.fieldnames}); "
-                    f"truth needs {', '.join(columns)}"
-                )
-            rows = []
-            for line in reader:
-                row = _CsvRow({name: line[name] or "" for name in columns})
-                row.place = f"{path}, line {reader.line_num}"
-                rows.append(row)
-    except OSError as error:
-        raise InputDataError(
-            f"truth file {path} cannot be read ({error.strerror}); give the folder that holds cameras.csv, "
-            "checkpoints.csv and detections.csv"
-        ) from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputDataError(f"truth file {path} is not a CSV table in UTF-8: {error}") from error
-    seen: set[str] = set()
-    for row in rows if unique is not None else ():
-        name = row[unique or ""]
-        if not name or name in seen:
-            raise InputDataError(f"{row.place}, column {unique}: '{name}' is empty or listed twice; it must be unique")
-        seen.add(name)
-    return rows
-
-
-def _parse_position(row: _CsvRow) -> Float64x3:
+def _parse_position(row: CsvRow) -> Float64x3:
     limits = {"lon_deg": 180.0, "lat_deg": 90.0, "height_ellipsoidal_m": 10000.0}
     values = []
     for column, limit in limits.items():

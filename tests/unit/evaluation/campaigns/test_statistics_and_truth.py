@@ -74,7 +74,6 @@ def truth_folder(folder: Path) -> Path:
 def test_truth_is_read(tmp_path: Path) -> None:
     truth = read_truth(truth_folder(tmp_path))
     assert truth.check_point_of_annotation == {("b.json", "1"): "C1", ("b.json", "2"): None}
-    assert truth.files == {"b.json"}
     assert truth.checkpoints["C1"].element_guid == "guid"
     assert truth.checkpoints["C1"].geo.tolist() == [8.4, 48.9, 181.0]
     assert truth.cameras["a.jpg"].tolist() == [8.4, 48.9, 180.0]
