@@ -4,5 +4,7 @@ from .comparison import MeasuredDefect as MeasuredDefect
 from .comparison import compare_histories as compare_histories
 from .figures import HistoryFigures as HistoryFigures
 from .figures import compute_history_figures as compute_history_figures
+from .tracked import collect_measured_defects as collect_measured_defects
+from .tracked import list_called_states as list_called_states
 from .truth import TrueDefect as TrueDefect
 from .truth import read_history_truth as read_history_truth
