@@ -1,7 +1,9 @@
 """The states that an observer without error gives a true defect: the rule that truth of every layout is judged by.
 
-- Before the first campaign that exists and is imaged there is no state: nobody can have seen the defect.
-- That campaign: ``new`` where an earlier one imaged the place, which then was without it; else ``first_seen``.
+- A defect is known by its first detection. Looks back can tell that it was there in the campaigns before, but not what
+  was before a campaign that imaged its place without it: until that campaign there is no state.
+- The first campaign after it that imaged the defect: ``new`` where there is such an earlier campaign; else
+  ``first_seen``.
 - Later, a place that is not imaged is ``not_imaged``, whatever is there; imaged without the defect it is ``repaired``,
   in the campaign that finds it gone and in each later one as long as it stays gone.
 - Imaged and there it is ``reopened`` where the last campaign that imaged it found it gone. Else ``grown`` or
@@ -49,9 +51,9 @@ def list_right_states(history: Sequence[TrueDefect], detected: Sequence[bool]) -
     states: list[tuple[TrackState, ...]] = []
     compared: TrueDefect | None = None  # with which a size is compared
     imaged_before: TrueDefect | None = None
-    begun = False
-    for defect, is_detected in zip(history, detected, strict=True):
-        there = defect.exists and defect.imaged
+    begun, begin = False, _find_begin(history, detected)
+    for number, (defect, is_detected) in enumerate(zip(history, detected, strict=True)):
+        there = defect.exists and defect.imaged and number >= begin
         right: tuple[TrackState, ...]
         if not begun:
             right = () if not there else (TrackState.FIRST_SEEN if imaged_before is None else TrackState.NEW,)
@@ -92,6 +94,14 @@ def compute_size_factor(before: TrueDefect, after: TrueDefect) -> float:
     if not (before.exists and after.exists):
         return math.nan
     return math.hypot(after.width_m, after.height_m) / math.hypot(before.width_m, before.height_m)
+
+
+def _find_begin(history: Sequence[TrueDefect], detected: Sequence[bool]) -> int:
+    """The campaign after the last one before the first detection that imaged the place without the defect."""
+    known = [one.exists and one.imaged and is_detected for one, is_detected in zip(history, detected, strict=True)]
+    first = known.index(True) if True in known else len(history)
+    gone = [number for number in range(first) if history[number].imaged and not history[number].exists]
+    return gone[-1] + 1 if gone else 0
 
 
 def _judge_size(compared: TrueDefect | None, now: TrueDefect, is_detected: bool) -> tuple[TrackState, ...]:

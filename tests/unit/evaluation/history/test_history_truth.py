@@ -30,6 +30,10 @@ from tests.unit.evaluation.history.made_history import place
         (("there", "gone", "there"), (1, 1, 1.4), (1, 0, 1), ("first_seen", "repaired", "reopened")),
         (("there", "there", "there"), (1, 1.4, 1.4), (1, 1, 1), ("first_seen", "grown", "seen")),
         (("there", "there", "there"), (1, 1, 0.5), (1, 1, 1), ("first_seen", "seen", "shrunk")),
+        # Found only after its repair had failed: nothing is known of the time before the repair.
+        (("there", "gone", "there"), (1, 1, 1), (0, 0, 1), ("", "", "new")),
+        # Missed at first: a look back can tell that it was there.
+        (("there", "there", "there"), (1, 1, 1), (0, 1, 1), ("first_seen", "seen", "seen")),
         # It grew while the detector missed it: the change is that between two detections.
         (("there", "there", "there"), (1, 1.4, 1.4), (1, 0, 1), ("first_seen", "grown|seen", "grown")),
         (("there", "hidden", "there"), (1, 1.4, 1.4), (1, 0, 1), ("first_seen", "not_imaged", "grown")),
