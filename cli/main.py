@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from cli import cache, detectors, results, reviews
+from cli import cache, detectors, evaluation, results, reviews
 from cli.options import (
     DEFAULT_LAKE,
     DEFAULT_PORTFOLIO,
@@ -188,7 +188,7 @@ def regrade(
 
 app.command()(results.view)
 app.command()(results.pictures)
-app.command()(results.evaluate)
+app.command()(evaluation.evaluate)
 app.command()(detectors.evaluate_detector)
 app.command()(detectors.describe_detector)
 app.add_typer(reviews.review, name="review")

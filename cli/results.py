@@ -1,9 +1,7 @@
-"""Commands that read committed campaigns: listings, SQL, files, pictures, figures. The lake is not changed."""
+"""Commands that read committed campaigns: listings, SQL, files, pictures. The lake is not changed."""
 
 from __future__ import annotations
 
-import json
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -19,7 +17,6 @@ from cli.options import (
     ExistingLakePath,
     PortfolioPath,
     console,
-    problems,
     read_portfolio_at,
 )
 from facadelake.core.errors import InputDataError
@@ -234,47 +231,3 @@ def pictures(
             as_of=version,
         ),
     )
-
-
-def evaluate(
-    building: BuildingId,
-    campaign: CampaignId,
-    truth: Annotated[Path, typer.Option(help="Folder with cameras.csv, checkpoints.csv and detections.csv.")],
-    detections: Annotated[
-        str | None,
-        typer.Option(
-            help="Evaluate another detections file on the committed poses: one of the portfolio's alternatives, or a "
-            "path. The lake is not changed."
-        ),
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON with stable keys.")] = False,
-    plots: Annotated[
-        Path | None, typer.Option(help="Folder for pictures: distribution, vectors, deviation, sigmas, views.")
-    ] = None,
-    as_of: AsOf = None,
-    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
-    lake: ExistingLakePath = DEFAULT_LAKE,
-) -> None:
-    """Compare a committed campaign with truth: cameras, rays, positions, sigmas, merging, elements."""
-    from cli.terminal.answers import show_figures
-    from facadelake.evaluation.campaigns import compare_campaign, compute_figures
-    from facadelake.lake import resolve_version
-
-    compared = compare_campaign(
-        read_portfolio_at(portfolio).get_building(building),
-        campaign,
-        lake=lake,
-        truth=truth,
-        detections=detections,
-        as_of=resolve_version(lake, as_of),
-    )
-    if plots is not None:
-        from facadelake.evaluation.campaigns import write_plots
-
-        for path in write_plots(compared, plots, f"{building} {campaign}"):
-            problems.print(f"written: {path}", soft_wrap=True, highlight=False)
-    figures = compute_figures(compared)
-    if as_json:
-        sys.stdout.write(json.dumps(figures.convert_to_json(), indent=2) + "\n")
-    else:
-        show_figures(console, figures)

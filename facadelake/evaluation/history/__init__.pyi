@@ -2,8 +2,11 @@ from .comparison import CalledState as CalledState
 from .comparison import HistoryComparison as HistoryComparison
 from .comparison import MeasuredDefect as MeasuredDefect
 from .comparison import compare_histories as compare_histories
+from .evaluate import EvaluatedHistory as EvaluatedHistory
+from .evaluate import compare_history as compare_history
 from .figures import HistoryFigures as HistoryFigures
 from .figures import compute_history_figures as compute_history_figures
+from .pictures import write_confusion_sheets as write_confusion_sheets
 from .tracked import collect_measured_defects as collect_measured_defects
 from .tracked import list_called_states as list_called_states
 from .truth import TrueDefect as TrueDefect
