@@ -9,8 +9,8 @@
 - Imaged and there it is ``reopened`` where the last campaign that imaged it found it gone. Else ``grown`` or
   ``shrunk`` where its size is another than in the last campaign that *detected* it, as a change is defined between two
   detections; and ``seen`` where it is the same. A change of class is no change of state.
-- A change of size cannot be told without a detection: where the campaign has none, ``seen`` is right beside ``grown``
-  and ``shrunk``.
+- A change of size cannot be told without two detections: where the campaign has none, or none is before it, ``seen`` is
+  right beside ``grown`` and ``shrunk``.
 
 ``not_found`` is never right: it is what is said of a defect that is there, imaged, and was not found.
 """
@@ -50,6 +50,7 @@ def list_right_states(history: Sequence[TrueDefect], detected: Sequence[bool]) -
     """
     states: list[tuple[TrackState, ...]] = []
     compared: TrueDefect | None = None  # with which a size is compared
+    detected_before = False
     imaged_before: TrueDefect | None = None
     begun, begin = False, _find_begin(history, detected)
     for number, (defect, is_detected) in enumerate(zip(history, detected, strict=True)):
@@ -64,11 +65,12 @@ def list_right_states(history: Sequence[TrueDefect], detected: Sequence[bool]) -
         elif imaged_before is not None and not imaged_before.exists:
             right = (TrackState.REOPENED,)
         else:
-            right = _judge_size(compared, defect, is_detected)
+            right = _judge_size(compared, defect, is_measured=is_detected and detected_before)
         states.append(right)
         begun = begun or there
-        if there and (is_detected or compared is None):
+        if there and (is_detected or not detected_before):
             compared = defect
+            detected_before = is_detected
         if defect.imaged:
             imaged_before = defect
     return states
@@ -104,9 +106,9 @@ def _find_begin(history: Sequence[TrueDefect], detected: Sequence[bool]) -> int:
     return gone[-1] + 1 if gone else 0
 
 
-def _judge_size(compared: TrueDefect | None, now: TrueDefect, is_detected: bool) -> tuple[TrackState, ...]:
+def _judge_size(compared: TrueDefect | None, now: TrueDefect, *, is_measured: bool) -> tuple[TrackState, ...]:
     change = 0.0 if compared is None else math.log(compute_size_factor(compared, now))
     if abs(change) <= _SIZE_TOLERANCE:
         return (TrackState.SEEN,)
     changed = TrackState.GROWN if change > 0 else TrackState.SHRUNK
-    return (changed,) if is_detected else (changed, TrackState.SEEN)
+    return (changed,) if is_measured else (changed, TrackState.SEEN)

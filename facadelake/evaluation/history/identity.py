@@ -82,7 +82,9 @@ def _measure(frames: Iterable[Iterable[tuple[str | None, str | None]]]) -> Ident
             if name is not None and track is not None:
                 distance[names.index(name), tracks.index(track)] = 0.0
         events.update(
-            [objects.number(name) for name in names], [hypotheses.number(track) for track in tracks], distance
+            [objects.assign_number(name) for name in names],
+            [hypotheses.assign_number(track) for track in tracks],
+            distance,
         )
     wanted = ["num_objects", "idf1", "idp", "idr", "num_switches"]
     found: Mapping[str, Sequence[float]] = motmetrics.metrics.create().compute(events, metrics=wanted).to_dict("list")
@@ -103,5 +105,5 @@ def _measure(frames: Iterable[Iterable[tuple[str | None, str | None]]]) -> Ident
 class _Numbers(dict[str, int]):
     """Numbers of names: motmetrics compares ids as numbers."""
 
-    def number(self, name: str) -> int:
+    def assign_number(self, name: str) -> int:
         return self.setdefault(name, len(self) + 1)

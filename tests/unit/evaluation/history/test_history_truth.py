@@ -36,6 +36,7 @@ from tests.unit.evaluation.history.made_history import place
         (("there", "there", "there"), (1, 1, 1), (0, 1, 1), ("first_seen", "seen", "seen")),
         # It grew while the detector missed it: the change is that between two detections.
         (("there", "there", "there"), (1, 1.4, 1.4), (1, 0, 1), ("first_seen", "grown|seen", "grown")),
+        (("there", "there", "there"), (1, 1.4, 1.4), (0, 1, 1), ("first_seen", "grown|seen", "seen")),
         (("there", "hidden", "there"), (1, 1.4, 1.4), (1, 0, 1), ("first_seen", "not_imaged", "grown")),
     ],
 )
