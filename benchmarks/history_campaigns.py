@@ -7,8 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.foundation import DEMO, SHARED, run_facadelake
-from benchmarks.history_report import HistoryReport
+from benchmarks.foundation import DEMO, ROOT, SHARED, run_facadelake
+from benchmarks.history_report import Goal, HistoryReport
+from benchmarks.known_looks import count_known_looks
+from schemas.vocabulary import LookVerdict
 
 PAIR = SHARED / "castle-pair"
 _PAIR_PORTFOLIO = """\
@@ -77,3 +79,15 @@ def _measure(
         idf1, states = _GOALS[name, boxes]
         report.add_history(f"{name}, {boxes} boxes", figures, idf1=idf1, states=states)
         print(f"<!-- pictures of wrong states: {plots} -->", flush=True)
+        known = count_known_looks(portfolio or ROOT / "data" / "portfolio.yaml", building, lake, truth)
+        for place in sorted({place for place, _ in known}):
+            total = sum(count for (of, _), count in known.items() if of == place)
+            verdicts = ", ".join(
+                f"{verdict} {known[place, verdict]}" for verdict in LookVerdict if known[place, verdict]
+            )
+            goal = (
+                Goal(figure=f"looks say gone: {place}", high=0.0)
+                if place.startswith("there")
+                else Goal(figure=f"looks say gone: {place}")
+            )
+            report.add(f"{name}, {boxes} boxes", goal, known[place, LookVerdict.GONE] / total, verdicts)
