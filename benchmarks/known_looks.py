@@ -7,7 +7,7 @@ from pathlib import Path
 
 from facadelake.building.surface import Surface
 from facadelake.campaigns import collect_looked_campaigns
-from facadelake.evaluation.history import EvaluatedHistory, compare_history
+from facadelake.evaluation.history import EvaluatedHistory, build_look_request, compare_history
 from facadelake.registry import read_portfolio
 from facadelake.tracking import LookRequest, look_at_places
 from schemas.vocabulary import LookVerdict
@@ -43,17 +43,7 @@ def _list_requests(evaluated: EvaluatedHistory) -> list[tuple[str, LookRequest]]
             for campaign in compared.campaigns:
                 if campaign == records.campaign_id:
                     continue
-                xyz = defects.xyz_site_m[row]
-                request = LookRequest(
-                    seen_campaign=records.campaign_id,
-                    defect_id=defect_id,
-                    campaign_id=campaign,
-                    xyz_seen_m=xyz,
-                    xyz_other_m=place.get((true_id, campaign), xyz),
-                    normal_site=defects.normal_site[row],
-                    width_m=float(defects.width_m[row]),
-                    height_m=float(defects.height_m[row]),
-                )
+                request = build_look_request(records, row, campaign, place.get((true_id, campaign)))
                 then, now = number[records.campaign_id], number[campaign]
                 found.append((_name_truth(evaluated, true_id, then, now), request))
     return found

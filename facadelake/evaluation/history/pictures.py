@@ -15,6 +15,7 @@ from facadelake.core.arrays import UInt8Image
 from facadelake.core.progress import report_progress
 from facadelake.evaluation.history.comparison import DefectKey, HistoryComparison, JudgedState
 from facadelake.evaluation.history.evaluate import EvaluatedHistory
+from facadelake.evaluation.history.place_looks import build_look_request
 from facadelake.evaluation.history.state_figures import name_called_state, name_true_state
 from facadelake.evaluation.picture_sheet import SheetCell, write_picture_sheet
 from facadelake.tracking import Look, LookRequest, look_at_places
@@ -95,20 +96,10 @@ def _build_request(
     evaluated: EvaluatedHistory, seen: str, detections: dict[str, str], campaign: str
 ) -> LookRequest | None:
     records = next(one for one in evaluated.history.records if one.campaign_id == seen)
-    defects = records.tracked.defects
-    row = defects.defect_id.tolist().index(detections[seen])
+    row = records.tracked.defects.defect_id.tolist().index(detections[seen])
     key: DefectKey = (campaign, detections.get(campaign, ""))
     there = evaluated.compared.defects.get(key)
-    return LookRequest(
-        seen_campaign=seen,
-        defect_id=detections[seen],
-        campaign_id=campaign,
-        xyz_seen_m=defects.xyz_site_m[row],
-        xyz_other_m=defects.xyz_site_m[row] if there is None else there.xyz_site_m,
-        normal_site=defects.normal_site[row],
-        width_m=float(defects.width_m[row]),
-        height_m=float(defects.height_m[row]),
-    )
+    return build_look_request(records, row, campaign, None if there is None else there.xyz_site_m)
 
 
 def _look(evaluated: EvaluatedHistory, requests: Sequence[LookRequest]) -> dict[tuple[str, str, str], Look]:

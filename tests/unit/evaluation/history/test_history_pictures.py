@@ -11,6 +11,7 @@ from typing import Any, cast
 
 import cv2
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from facadelake.evaluation.history import HistoryComparison, write_confusion_sheets
@@ -42,10 +43,15 @@ def make_records(compared: HistoryComparison) -> list[CampaignRecords]:
             campaign_id=campaign, captured_at=datetime(int(campaign), 4, 1, tzinfo=UTC), frame_sigma_m=0.01,
             defects=arrays,
         )  # fmt: skip
-        empty: Any = None
         records.append(
             CampaignRecords(
-                run_id=campaign, inputs_sha256="", tracked=tracked, defect_table=empty, sizes={}, posed={}, root=Path()
+                run_id=campaign,
+                inputs_sha256="",
+                tracked=tracked,
+                defect_table=pa.table({"defect_class": ["crack"] * count}),
+                sizes={},
+                posed={},
+                root=Path(),
             )
         )
     return records
