@@ -122,7 +122,7 @@ def _draw_cell(judged: JudgedState, compared: HistoryComparison, look: Look | No
     before, after = sorted((seen, other), key=compared.campaigns.index)
     below = f"{before} | {after}; look: {look.verdict}"
     if look.comparison is not None:
-        below += f", similarity {look.comparison.at_defect:.2f}, extent {look.comparison.extent:.2f}"
+        below += f", similarity {look.comparison.at_defect:.2f}"
     if look.picture is None:
         return SheetCell(image=_make_blank(), title=title, below=f"{below} {look.remark or ''}")
     return SheetCell(image=_arrange_pair(look.picture, is_seen_first=before == seen), title=title, below=below)
