@@ -107,7 +107,8 @@ def measure_synthetic(report: HistoryReport, work: Path, seeds: int) -> None:
     )  # fmt: skip
     report.add(
         run, Goal(figure=RECOVERED), counts.recovered / counts.missed,
-        f"{counts.recovered}/{counts.missed}; looks say same of {100 * rates.there_same:g} % that are there",
+        f"{counts.recovered}/{counts.missed}; looks say same of {100 * rates.there_same:g} % that are there as they "
+        f"were, of {100 * rates.changed_same:g} % in another size",
     )  # fmt: skip
     report.add(run, Goal(figure=INSIDE, low=0.90, high=0.99), counts.inside / counts.compared, f"{counts.compared}")
 

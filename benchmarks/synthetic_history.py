@@ -61,10 +61,13 @@ _FIRST_DAY = datetime(2006, 4, 1, tzinfo=UTC)
 
 @dataclass(frozen=True, kw_only=True)
 class LookRates:
-    """What looks say: shares of verdicts on a defect that is there and on one that is gone; the rest is undecided."""
+    """What looks say: shares of verdicts on a defect that is there as it was, there in another size, and gone; the rest
+    is undecided."""
 
     there_same: float = 0.85
     there_gone: float = 0.001
+    changed_same: float = 0.2
+    changed_gone: float = 0.001
     gone_gone: float = 0.80
     gone_same: float = 0.02
     hidden: float = 0.5  # of the places that a campaign does not image; the others are not in view
@@ -181,13 +184,17 @@ def draw_looks(history: SyntheticHistory, requests: Sequence[LookRequest], seed:
     looks = []
     for request in requests:
         true_id = history.true_ids[request.seen_campaign, request.defect_id]
-        day = None if true_id is None else history.truth[true_id][number[request.campaign_id]]
+        days = None if true_id is None else history.truth[true_id]
+        day = None if days is None else days[number[request.campaign_id]]
+        then = None if days is None else days[number[request.seen_campaign]]
         imaged = rng.random() < history.recipe.imaged_share if day is None else day.imaged
         draw = rng.random()
         if not imaged:
             verdict = LookVerdict.HIDDEN if draw < rates.hidden else LookVerdict.NOT_IN_VIEW
-        elif day is None or day.exists:
+        elif day is None or then is None or (day.exists and day.width_m == then.width_m):
             verdict = _choose_verdict(draw, rates.there_same, rates.there_gone)
+        elif day.exists:
+            verdict = _choose_verdict(draw, rates.changed_same, rates.changed_gone)
         else:
             verdict = _choose_verdict(draw, rates.gone_same, rates.gone_gone)
         looks.append(Look(key=request.key, verdict=verdict, photo_ids=(None, None), photo_counts=(3, 3)))

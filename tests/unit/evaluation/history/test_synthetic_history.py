@@ -9,7 +9,7 @@ import pytest
 from benchmarks.synthetic_history import HistoryRecipe, LookRates, draw_history, track_synthetic
 from facadelake.evaluation.history import compute_history_figures
 
-PERFECT = LookRates(there_same=1.0, there_gone=0.0, gone_gone=1.0, gone_same=0.0)
+PERFECT = LookRates(there_same=1.0, there_gone=0.0, changed_same=1.0, changed_gone=0.0, gone_gone=1.0, gone_same=0.0)
 RECIPE = HistoryRecipe(
     defects=25, campaigns=4, recall=1.0, false_share=0.0, box_sigma=0.005, other_class_share=0.0, growth=1.4,
     looks=PERFECT,
@@ -34,7 +34,9 @@ def test_looks_recover_what_the_detector_missed(seed: int) -> None:
 
 
 def test_looks_that_err_make_false_repairs() -> None:
-    blind = replace(RECIPE, recall=0.7, looks=replace(PERFECT, there_same=0.0, there_gone=1.0))
+    blind = replace(
+        RECIPE, recall=0.7, looks=replace(PERFECT, there_same=0.0, there_gone=1.0, changed_same=0.0, changed_gone=1.0)
+    )
     found = compute_history_figures(track_synthetic(draw_history(blind, 0), 0))
     assert found.states.recovered == 0
     # Every miss between two detections is called repaired.
