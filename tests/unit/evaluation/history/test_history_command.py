@@ -26,8 +26,9 @@ TOWER = cast(Building, SimpleNamespace(id="tower", surface_kind=SurfaceKind.IFC)
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["evaluate", "tower", "2026-04", "--history"], "leave out CAMPAIGN and --detections"),
-        (["evaluate", "tower", "--history", "--detections", "noisy"], "leave out CAMPAIGN and --detections"),
+        (["evaluate", "tower", "2026-04", "--history"], "leave out CAMPAIGN; other detections"),
+        (["evaluate", "tower", "--history", "--detections", "noisy"], "leave out --detections; other"),
+        (["evaluate", "tower", "2026-04", "--history", "--as-of", "3"], "leave out CAMPAIGN and --as-of; other"),
         (["evaluate", "tower"], "name a campaign of tower, or evaluate all of them with --history"),
     ],
 )
