@@ -6,7 +6,7 @@ from collections import Counter
 from pathlib import Path
 
 from facadelake.building.surface import Surface
-from facadelake.campaigns import collect_looked_campaigns
+from facadelake.campaigns import collect_campaign_views
 from facadelake.evaluation.history import EvaluatedHistory, build_look_request, compare_history
 from facadelake.registry import read_portfolio
 from facadelake.tracking import LookRequest, look_at_places
@@ -27,7 +27,7 @@ def count_known_looks(portfolio: Path, building: str, lake: Path, truth: Path) -
     evaluated = compare_history(read_portfolio(portfolio).get_building(building), lake=lake, truth=truth)
     wanted = [(name, request) for name, request in _list_requests(evaluated)]
     requests = [request for _, request in wanted]
-    campaigns = collect_looked_campaigns(evaluated.history, requests)
+    campaigns = collect_campaign_views(evaluated.history, requests)
     looks = look_at_places(requests, campaigns, Surface(evaluated.model))
     return Counter((name, look.verdict) for (name, _), look in zip(wanted, looks, strict=True))
 

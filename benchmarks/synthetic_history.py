@@ -38,7 +38,7 @@ from facadelake.tracking import (
     build_history_tables,
     link_history,
     list_look_requests,
-    pool_sightings,
+    summarise_sizes,
 )
 from facadelake.tracking.campaign_defects import CLASSES
 from facadelake.tracking.size_change import DefectSizes
@@ -312,8 +312,8 @@ def _detect(
     crack_sigma = np.where(is_crack, 0.1, np.nan)
     crack = np.log([defect.crack_mm for defect in defects]) + crack_sigma * rng.normal(size=count)
     sizes = {
-        TrendQuantity.LENGTH: pool_sightings(np.log(np.hypot(drawn[:, 0], drawn[:, 1])), owner, count),
-        TrendQuantity.AREA: pool_sightings(np.log(drawn.prod(axis=1)), owner, count),
+        TrendQuantity.LENGTH: summarise_sizes(np.log(np.hypot(drawn[:, 0], drawn[:, 1])), owner, count),
+        TrendQuantity.AREA: summarise_sizes(np.log(drawn.prod(axis=1)), owner, count),
         TrendQuantity.CRACK_WIDTH: DefectSizes(log_size=crack, sigma=crack_sigma),
     }
     captured_at = _FIRST_DAY + timedelta(days=365 * number)

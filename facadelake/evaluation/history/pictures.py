@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from facadelake.building.surface import Surface
-from facadelake.campaigns import collect_looked_campaigns
+from facadelake.campaigns import collect_campaign_views
 from facadelake.core.arrays import UInt8Image
 from facadelake.core.progress import report_progress
 from facadelake.evaluation.history.comparison import DefectKey, HistoryComparison, JudgedState
@@ -107,7 +107,7 @@ def _look(evaluated: EvaluatedHistory, requests: Sequence[LookRequest]) -> dict[
         return {}
     with report_progress("Building the surface"):
         surface = Surface(evaluated.model)
-    campaigns = collect_looked_campaigns(evaluated.history, requests)
+    campaigns = collect_campaign_views(evaluated.history, requests)
     return {look.key: look for look in look_at_places(requests, campaigns, surface)}
 
 
