@@ -6,8 +6,8 @@ from .evaluate import EvaluatedHistory as EvaluatedHistory
 from .evaluate import compare_history as compare_history
 from .figures import HistoryFigures as HistoryFigures
 from .figures import compute_history_figures as compute_history_figures
+from .look_request import build_look_request as build_look_request
 from .pictures import write_confusion_sheets as write_confusion_sheets
-from .place_looks import build_look_request as build_look_request
 from .tracked import collect_measured_defects as collect_measured_defects
 from .tracked import list_called_states as list_called_states
 from .truth import TrueDefect as TrueDefect

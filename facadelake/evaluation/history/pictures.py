@@ -15,7 +15,7 @@ from facadelake.core.arrays import UInt8Image
 from facadelake.core.progress import report_progress
 from facadelake.evaluation.history.comparison import DefectKey, HistoryComparison, JudgedState
 from facadelake.evaluation.history.evaluate import EvaluatedHistory
-from facadelake.evaluation.history.place_looks import build_look_request
+from facadelake.evaluation.history.look_request import build_look_request
 from facadelake.evaluation.history.state_figures import name_called_state, name_true_state
 from facadelake.evaluation.picture_sheet import SheetCell, write_picture_sheet
 from facadelake.tracking import Look, LookRequest, look_at_places
