@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from cli import cache, detectors, evaluation, results, reviews
+from cli import cache, detectors, evaluation, history, results, reviews
 from cli.options import (
     DEFAULT_LAKE,
     DEFAULT_PORTFOLIO,
@@ -188,6 +188,8 @@ def regrade(
 
 app.command()(results.view)
 app.command()(results.pictures)
+app.command()(history.compare)
+app.command()(history.why)
 app.command()(evaluation.evaluate)
 app.command()(detectors.evaluate_detector)
 app.command()(detectors.describe_detector)

@@ -149,7 +149,7 @@ def inspect_building(
     warnings += [describe_replaced_regrading(building, campaign, rules) for rules in committed.regraded_before]
     pictures: StageResult | None = None
     try:
-        pictures = draw(job, results, checks)
+        pictures = draw(job, results, checks, tracked)
     except (FacadelakeError, OSError) as error:  # the campaign is committed; a missing picture must not undo that
         warnings.append(f"no pictures: {error}")
         log.warning("%s", warnings[-1])

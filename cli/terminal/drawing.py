@@ -6,7 +6,7 @@ import logging
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from rich.console import Console
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from facadelake.reporting import DrawnPictures
 
 _MOST_LISTED = 5
+T = TypeVar("T")
 
 
 class _DeferredWarnings(logging.Handler):
@@ -30,8 +31,8 @@ class _DeferredWarnings(logging.Handler):
         self.lines[record.getMessage()] = None
 
 
-def draw_in_terminal(console: Console, draw: Callable[[], DrawnPictures]) -> None:
-    """Run ``draw`` with progress bars and print the files it wrote."""
+def run_with_progress(console: Console, draw: Callable[[], T]) -> T:
+    """Run ``draw`` with progress bars, then print the warnings of the domain; returns its result."""
     warnings = _DeferredWarnings()
     log = logging.getLogger("facadelake")
     log.addHandler(warnings)
@@ -42,6 +43,12 @@ def draw_in_terminal(console: Console, draw: Callable[[], DrawnPictures]) -> Non
         log.removeHandler(warnings)
     for line in _shorten(list(warnings.lines), "warnings"):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
+    return drawn
+
+
+def draw_in_terminal(console: Console, draw: Callable[[], DrawnPictures]) -> None:
+    """Run ``draw`` with progress bars and print the files it wrote."""
+    drawn = run_with_progress(console, draw)
     if drawn.missing:
         names = ", ".join(_shorten(list(drawn.missing), "photographs"))
         console.print(

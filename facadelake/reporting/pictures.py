@@ -31,7 +31,7 @@ from facadelake.reporting.elevations.elevation import (
 from facadelake.reporting.elevations.facades import DIRECTIONS
 from facadelake.reporting.inspection import Inspection, PictureSettings
 from facadelake.reporting.overlays import draw_overlays, select_overlay_photographs
-from facadelake.reporting.page.defects import sort_by_severity
+from facadelake.reporting.severity_order import sort_by_severity
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -46,6 +46,7 @@ VERBS = frozenset(
 # Named as the command line, Prefect or a library wants them.
 NAMED_BY_OTHERS = frozenset(
     {"main", "campaigns", "coverage", "defects", "tracks", "sql", "pictures", "doctor", "cache", "emit", "training_set"}
+    | {"why"}
 )
 # Short ways to declare a column (schemas/column_type.py): the declaration reads as a list of nouns.
 DECLARATIONS = frozenset({"text", "real", "count", "time", "flag"})

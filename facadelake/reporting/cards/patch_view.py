@@ -21,7 +21,7 @@ _VIEW_DISTANCE_M = 0.3  # from view plane to surface: includes jambs and sills, 
 _MAX_SHIFT_M = 0.3
 _VISIBILITY_TOLERANCE_M = 0.08
 _MAX_INCIDENCE_DEG = 88.0
-_EMPTY = 225  # grey level of cells that are not visible in the photograph
+EMPTY_GREY = 225  # grey level of cells that are not visible in the photograph
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,7 +74,7 @@ def rectify_patch(
     )
     xy, inside = project_points(posed, xyz + shift)
     visible = visibility.visible & inside
-    picture = np.full((cells * cells, 3), _EMPTY, dtype=np.uint8)
+    picture = np.full((cells * cells, 3), EMPTY_GREY, dtype=np.uint8)
     if visible.any():
         picture[visible] = _sample_colours(pixels, xy[visible], choose_reduction(pixel_m, cell_m))
     return PatchView(

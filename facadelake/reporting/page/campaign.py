@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import pyarrow as pa
 
+from facadelake.reporting.html import Html, render_paragraph, render_table
 from facadelake.reporting.inspection import Inspection
-from facadelake.reporting.page.html import Html, render_paragraph, render_table
 from schemas.vocabulary import IntegrityOutcome, PhotoOutcome
 
 

@@ -15,8 +15,8 @@ from facadelake.coverage import (
     summarise_coverage,
 )
 from facadelake.reporting.elevations.elevation import Elevation
+from facadelake.reporting.html import Html, render_figure, render_paragraph, render_table
 from facadelake.reporting.inspection import Inspection
-from facadelake.reporting.page.html import Html, render_figure, render_paragraph, render_table
 from schemas.vocabulary import SurfaceKind
 
 _LISTED_AREAS = 30

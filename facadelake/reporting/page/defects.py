@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-
-from facadelake.core.errors import InputDataError
 from facadelake.deduplication import describe_width_blur
 from facadelake.reporting.cards.facts import format_crack_width, format_geo_position
 from facadelake.reporting.distribution import Distribution
 from facadelake.reporting.drawing.labels import label_ids
-from facadelake.reporting.drawing.palette import get_class_colour
 from facadelake.reporting.elevations.elevation import Elevation
+from facadelake.reporting.html import Html, html_from_class, html_from_value, link_file, render_paragraph, render_table
 from facadelake.reporting.inspection import Inspection
-from facadelake.reporting.page.html import Html, html_from_value, link_file, render_paragraph, render_table
-from facadelake.severity import RulePack, describe_severity, read_rule_pack
+from facadelake.reporting.severity_order import read_rule_packs, sort_by_severity
+from facadelake.severity import describe_severity
 from schemas.vocabulary import CrackWidthOutcome, DefectClass
 
 
@@ -37,34 +33,10 @@ def count_by_facade(distribution: Distribution) -> Html:
     return render_table(heads, lines, numeric=range(2, len(heads)))
 
 
-def sort_by_severity(defects: pa.Table) -> list[dict[str, Any]]:
-    """Rows of table ``defects``: the most severe by their rule pack first, those of one grade by decreasing area.
-
-    A grade that its rule pack does not list (by a person, or of a pack that is no longer there) comes after the others.
-    """
-    rows: list[dict[str, Any]] = defects.to_pylist()
-    packs = _read_rule_packs(rows)
-
-    def rank(row: dict[str, Any]) -> float:
-        severities = packs[row["severity_rule"]].severities if row["severity_rule"] in packs else ()
-        return severities.index(row["severity"]) / len(severities) if row["severity"] in severities else 1.0
-
-    return sorted(rows, key=lambda row: (rank(row), -row["area_m2"], row["defect_id"]))
-
-
-def _read_rule_packs(rows: Sequence[Mapping[str, Any]]) -> dict[str, RulePack]:
-    """The rule packs that graded the defects, by name, without those that are no longer there."""
-    packs = {}
-    for name in sorted({row["severity_rule"] for row in rows}):
-        with suppress(InputDataError):
-            packs[name] = read_rule_pack(name)
-    return packs
-
-
 def describe_severity_rules(inspection: Inspection) -> list[Html]:
     """The rules by which the defects were graded, as their packs state them, and the cracks without a width."""
     rows = inspection.defects.to_pylist()
-    packs = _read_rule_packs(rows)
+    packs = read_rule_packs(rows)
     cracks = [row for row in rows if row["defect_class"] == DefectClass.CRACK]
     if not rows:
         return [render_paragraph("No defect, so no severity.")]
@@ -203,10 +175,3 @@ def _format_defect(
 def _format_size(row: Mapping[str, Any]) -> str:
     text, width = f"{row['width_m']:.2f} × {row['height_m']:.2f} m", format_crack_width(row)
     return text if width is None else f"{text}; crack {width}"
-
-
-def html_from_class(defect_class: str) -> Html:
-    """The name of a defect class with its colour."""
-    return Html(
-        f'<span class="dot" style="background:{get_class_colour(defect_class)}"></span>{html_from_value(defect_class)}'
-    )

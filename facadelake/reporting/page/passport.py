@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from facadelake.core.geodesy import SITE_AXES
+from facadelake.reporting.html import Html, html_from_value, render_figure, render_paragraph, render_table
 from facadelake.reporting.inspection import Inspection
-from facadelake.reporting.page.html import Html, html_from_value, render_figure, render_paragraph, render_table
 from facadelake.reporting.passport.facts import FactStatus, list_passport_facts, summarise_passport
 from facadelake.reporting.passport.figure import draw_passport
 from schemas.vocabulary import PlacementCheckOutcome, PointKind

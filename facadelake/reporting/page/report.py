@@ -16,6 +16,18 @@ from facadelake.reporting.distribution import (
 )
 from facadelake.reporting.elevations.elevation import Elevation, draw_elevations, map_defects_to_elevations
 from facadelake.reporting.elevations.relief import has_model_edges
+from facadelake.reporting.history.since_last_time import SinceLastTime, describe_since_last_time
+from facadelake.reporting.history.symbols import SYMBOL_STYLE
+from facadelake.reporting.html import (
+    Html,
+    html_from_value,
+    render_figure,
+    render_page,
+    render_paragraph,
+    render_row,
+    render_section,
+    render_tiles,
+)
 from facadelake.reporting.inspection import Inspection, PictureSettings
 from facadelake.reporting.overlays import draw_overlays, select_overlay_photographs
 from facadelake.reporting.page.campaign import (
@@ -26,20 +38,11 @@ from facadelake.reporting.page.campaign import (
     summarise_checks,
 )
 from facadelake.reporting.page.coverage import describe_coverage
-from facadelake.reporting.page.defects import count_by_facade, describe_severity_rules, list_defects, sort_by_severity
-from facadelake.reporting.page.html import (
-    Html,
-    html_from_value,
-    render_figure,
-    render_page,
-    render_paragraph,
-    render_row,
-    render_section,
-    render_tiles,
-)
+from facadelake.reporting.page.defects import count_by_facade, describe_severity_rules, list_defects
 from facadelake.reporting.page.passport import render_passport
 from facadelake.reporting.passport.facts import format_length
 from facadelake.reporting.plan import draw_plan
+from facadelake.reporting.severity_order import sort_by_severity
 from schemas.vocabulary import PhotoOutcome, UtcOffset
 
 _OVERLAY = (
@@ -48,6 +51,7 @@ _OVERLAY = (
 )
 _OVERLAY_WITHOUT_EDGES = "Detections by outcome, and registered defects."
 _PLAN = "Metres east and north of the site's origin. Arrows show viewing directions; short arrows point up or down."
+_SINCE, _SINCE_TITLE = "since", "Since last time"
 _CONTENTS = {
     "elevations": "Elevations",
     "coverage": "Coverage",
@@ -66,6 +70,7 @@ def write_report(
     surface: Surface,
     folder: Path,
     settings: PictureSettings | None = None,
+    since: SinceLastTime | None = None,
 ) -> Path:
     """Write ``report.html`` with its pictures; links are relative, so that the folder can be moved as a whole.
 
@@ -74,6 +79,7 @@ def write_report(
         surface: surface of its building model.
         folder: folder to write into.
         settings: resolution and limits of the pictures; None: the defaults.
+        since: the comparison with the campaign before; None: there is no section on it.
 
     Returns:
         The path of ``report.html``.
@@ -99,8 +105,9 @@ def write_report(
     body = [
         Html(f"<h1>{html_from_value(title)}</h1>"),
         render_paragraph(_format_subtitle(inspection), "under"),
-        _render_contents(),
+        _render_contents(since is not None),
         _render_key_figures(inspection),
+        *_describe_since(inspection, surface, since, folder),
         render_section("elevations", "Elevations", *(_render_elevation(e, folder) for e in elevations)),
         render_section("coverage", "Coverage", *describe_coverage(inspection, elevations, folder)),
         render_section("defects", "Defects", *list_defects(inspection, crops, cards.paths, elevations, folder)),
@@ -122,7 +129,7 @@ def write_report(
         ),
     ]  # fmt: skip
     path = folder / "report.html"
-    path.write_text(render_page(title, body), encoding="utf-8")
+    path.write_text(render_page(title, body, style=SYMBOL_STYLE), encoding="utf-8")
     return path
 
 
@@ -136,8 +143,16 @@ def _format_subtitle(inspection: Inspection) -> str:
     return f"Facade inspection · {when} · georeferenced by {inspection.control}"
 
 
-def _render_contents() -> Html:
-    return Html("<nav>" + "".join(f'<a href="#{name}">{title}</a>' for name, title in _CONTENTS.items()) + "</nav>")
+def _describe_since(inspection: Inspection, surface: Surface, since: SinceLastTime | None, folder: Path) -> list[Html]:
+    if since is None:
+        return []
+    parts = describe_since_last_time(since, surface, inspection.building.origin, folder)
+    return [render_section(_SINCE, _SINCE_TITLE, *parts)]
+
+
+def _render_contents(has_since: bool) -> Html:
+    contents = {**({_SINCE: _SINCE_TITLE} if has_since else {}), **_CONTENTS}
+    return Html("<nav>" + "".join(f'<a href="#{name}">{title}</a>' for name, title in contents.items()) + "</nav>")
 
 
 def _render_key_figures(inspection: Inspection) -> Html:

@@ -15,11 +15,11 @@ from facadelake.core.tables import table_from_rows
 from facadelake.reporting.cards.crops import write_crops
 from facadelake.reporting.drawing.labels import label_ids
 from facadelake.reporting.drawing.palette import bgr_from_hex, get_outcome_colour
+from facadelake.reporting.html import STYLE
 from facadelake.reporting.inspection import PictureSettings
 from facadelake.reporting.overlays import draw_overlays, select_overlay_photographs
-from facadelake.reporting.page.defects import sort_by_severity
-from facadelake.reporting.page.html import STYLE
 from facadelake.reporting.page.report import write_report
+from facadelake.reporting.severity_order import sort_by_severity
 from facadelake.severity.rule_packs import list_rule_packs
 from tests.unit.reporting.painted_wall import NASTY_NAME, PaintedWall, make_defect_row, make_inspection
 from tests.unit.severity.rule_headers import read_severities

@@ -8,6 +8,8 @@ from html import escape
 from pathlib import Path
 from urllib.parse import quote
 
+from facadelake.reporting.drawing.palette import get_class_colour
+
 STYLE = """
 :root { color-scheme: light dark; --ink: #1b1b1b; --soft: #5a5a5a; --ground: #ffffff; --line: #d5d5d5; --band: #f4f4f2;
   --good: #00664a; --check: #8a5a00; --bad: #a32d00; }
@@ -72,13 +74,13 @@ def html_from_value(value: object) -> str:
     return "–" if value is None else escape(str(value))
 
 
-def render_page(title: str, body: Iterable[Html]) -> str:
-    """An HTML document without references outside its folder."""
+def render_page(title: str, body: Iterable[Html], *, style: str = "") -> str:
+    """An HTML document without references outside its folder; ``style``: CSS beside that of all pages."""
     content = "\n".join(element.text for element in body)
     return (
         f'<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n{content}\n</body>\n</html>\n"
+        f"<title>{escape(title)}</title>\n<style>{STYLE}{style}</style>\n</head>\n<body>\n{content}\n</body>\n</html>\n"
     )
 
 
@@ -156,4 +158,11 @@ def render_paragraph(text: object, kind: str = "") -> Html:
         f'<p class="{escape(kind, quote=True)}">{html_from_value(text)}</p>'
         if kind
         else f"<p>{html_from_value(text)}</p>"
+    )
+
+
+def html_from_class(defect_class: str) -> Html:
+    """The name of a defect class with its colour."""
+    return Html(
+        f'<span class="dot" style="background:{get_class_colour(defect_class)}"></span>{html_from_value(defect_class)}'
     )

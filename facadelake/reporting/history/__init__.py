@@ -1,0 +1,5 @@
+"""What became of defects between campaigns: comparisons, their pages, and explanations."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

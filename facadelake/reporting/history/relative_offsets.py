@@ -1,0 +1,63 @@
+"""Offset between the frames of two campaigns, from table ``frame_offsets``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import pyarrow as pa
+
+from schemas.vocabulary import OffsetOutcome
+
+Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RelativeOffset:
+    """Offset between the frames of both campaigns on a facade ('' for the whole building), m, with one sigma each.
+
+    ``xyz_m`` is None where it was not estimated; ``remark`` says what is known.
+    """
+
+    facade: str
+    xyz_m: tuple[float, float, float] | None
+    sigma_m: tuple[float, float, float] | None
+    count: int
+    remark: str
+
+
+def index_offsets(offsets: pa.Table) -> dict[str, dict[str, Row]]:
+    """Rows of ``frame_offsets`` by campaign and facade."""
+    found: dict[str, dict[str, Row]] = {}
+    for row in offsets.to_pylist():
+        found.setdefault(row["campaign_id"], {})[row["facade"]] = row
+    return found
+
+
+def compute_relative_offsets(earlier: Mapping[str, Row], later: Mapping[str, Row]) -> list[RelativeOffset]:
+    """Offset of the later campaign from the earlier one, of the building and of each facade that has its own."""
+    facades = sorted({*earlier, *later} - {""})
+    return [_subtract_offsets(name, earlier.get(name) or earlier.get(""), later.get(name) or later.get(""))
+            for name in ("", *facades)]  # fmt: skip
+
+
+_AXES = ("east", "north", "up")
+
+
+def _subtract_offsets(facade: str, earlier: Row | None, later: Row | None) -> RelativeOffset:
+    known = [row for row in (earlier, later) if row is not None]
+    told = "; ".join(dict.fromkeys(row["detail"] for row in known if row["detail"]))
+    if earlier is None or later is None or later["offset_east_m"] is None:
+        return RelativeOffset(facade=facade, xyz_m=None, sigma_m=None, count=0, remark=told or "not estimated")
+    if earlier["offset_east_m"] is None and earlier["offset_outcome"] != OffsetOutcome.FIRST:
+        return RelativeOffset(facade=facade, xyz_m=None, sigma_m=None, count=0, remark=told or "not estimated")
+    xyz = tuple(later[f"offset_{axis}_m"] - (earlier[f"offset_{axis}_m"] or 0.0) for axis in _AXES)
+    sigma = tuple(
+        math.hypot(later[f"offset_sigma_{axis}_m"] or 0.0, earlier[f"offset_sigma_{axis}_m"] or 0.0) for axis in _AXES
+    )
+    return RelativeOffset(
+        facade=facade, xyz_m=(xyz[0], xyz[1], xyz[2]), sigma_m=(sigma[0], sigma[1], sigma[2]),
+        count=later["offset_count"], remark=told,
+    )  # fmt: skip
