@@ -57,7 +57,7 @@ def read_history(
         found[current["campaigns"].column("campaign_id")[0].as_py()] = current
     records = []
     for campaign_id, of_campaign in sorted(found.items()):
-        captured_at, remark = _find_capture_time(campaign_id, of_campaign["campaigns"])
+        captured_at, remark = find_capture_time(campaign_id, of_campaign["campaigns"])
         record = read_records(of_campaign, captured_at=captured_at, origin=model.origin)
         records.append(replace(record, time_remark=remark))
     known = KnownHistory(tracks=tables["tracks"], states=tables["track_states"], reviews=tables["track_reviews"])
@@ -98,7 +98,7 @@ def _split_by_campaign(tables: Mapping[str, pa.Table]) -> dict[str, Mapping[str,
     }
 
 
-def _find_capture_time(campaign_id: str, campaigns: pa.Table) -> tuple[datetime, str | None]:
+def find_capture_time(campaign_id: str, campaigns: pa.Table) -> tuple[datetime, str | None]:
     """When a campaign was flown, and what is to be said of it: by its photographs, else by its id."""
     captured = campaigns.column("captured_from")[0].as_py()
     if captured is not None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from facadelake.campaigns import find_capture_time
 from facadelake.core.errors import InputDataError
 from facadelake.reporting.history.findings import COUNTED_ONLY, Finding, TimelineState, combine_states
 from facadelake.reporting.history.relative_offsets import RelativeOffset, compute_relative_offsets, index_offsets
@@ -90,14 +91,11 @@ class BuildingComparison:
 
 
 def order_campaigns(campaigns: pa.Table) -> list[Row]:
-    """Rows of table ``campaigns`` of one building in order of capture, then of id.
-
-    A campaign whose photographs state no time stands at the place of its id among the others.
-    """
-    rows = sorted(campaigns.to_pylist(), key=lambda row: row["campaign_id"])
-    if any(row["captured_from"] is None for row in rows):
-        return rows
-    return sorted(rows, key=lambda row: (row["captured_from"], row["campaign_id"]))
+    """Rows of table ``campaigns`` of one building in order of capture, then of id, as tracking orders them."""
+    rows: list[Row] = campaigns.to_pylist()
+    times = [find_capture_time(row["campaign_id"], campaigns.slice(k, 1))[0] for k, row in enumerate(rows)]
+    order = sorted(range(len(rows)), key=lambda k: (times[k], rows[k]["campaign_id"]))
+    return [rows[k] for k in order]
 
 
 def choose_campaigns(ordered: Sequence[Row], earlier: str | None, later: str | None) -> tuple[str, str]:

@@ -103,6 +103,14 @@ def test_the_two_latest_campaigns_by_capture_are_compared_and_what_is_urgent_com
     assert describe_span(comparison).endswith("1.5 years between")
 
 
+def test_a_campaign_without_capture_times_stands_at_the_date_of_its_id() -> None:
+    history = make_history()
+    history.rows["campaigns"][1]["captured_from"] = None  # 2025
+    comparison = compare(history)
+    assert comparison.campaigns == ("2024", "2025", "2026")
+    assert "2025 photographed at an unknown date" in describe_span(comparison)
+
+
 def test_a_span_of_several_campaigns_is_compared_as_a_whole() -> None:
     comparison = compare(make_history(), "2024", "2026")
     found = {track.track_id: track.finding for track in comparison.tracks}
