@@ -13,7 +13,13 @@ from facadelake.core.duckdb_engine import open_duckdb
 from facadelake.core.sql_files import read_statements
 from facadelake.core.tables import table_from_rows
 from facadelake.lake.checks import CHECKED, check_across_tables
-from tests.unit.lake.small_campaign import HEIGHT, LAT, LON, rows
+from tests.unit.lake.small_campaign import HEIGHT, LAT, LON, history_rows
+from tests.unit.lake.small_campaign import rows as campaign_rows
+
+
+def rows(**settings: Any) -> dict[str, list[dict[str, Any]]]:
+    """The small campaign and its history."""
+    return {**campaign_rows(**settings), **history_rows(**settings)}
 
 
 def _no_defect(made: dict[str, list[dict[str, Any]]]) -> None:
@@ -89,6 +95,8 @@ COUNTEREXAMPLES = {
     "runs_end_after_they_start": lambda made: made["runs"][0].update(
         started_at=made["runs"][0]["finished_at"].replace(year=2030)
     ),
+    "defects_belong_to_one_track": lambda made: made["track_states"].pop(),
+    "track_states_agree_with_tracks": _set("track_states", defect_id=None),
     "triangulated_defects_have_two_photographs": _set("defects", photo_count=1),
     "unlocalised_photographs_register_nothing": _set("observations", observation_outcome="unlocalised"),
 }

@@ -192,9 +192,9 @@ def stage_tables(**settings: Any) -> dict[str, pa.Table]:
     return {name: table_from_rows(name, made[name]) for name in TABLES}
 
 
-def history_tables(
+def history_rows(
     *, building_id: str = BUILDING, campaign_id: str = CAMPAIGN, run_id: str = "run-1", **settings: Any
-) -> dict[str, pa.Table]:
+) -> dict[str, list[dict]]:
     """The history of the small campaign as a building's first one: every defect begins a track."""
     key = {"building_id": building_id, "campaign_id": campaign_id, "run_id": run_id}
     tracks, states = [], []
@@ -208,7 +208,12 @@ def history_tables(
         states.append({**track, **own, "state_evidence": "detected"})
     offset = {**key, "facade": "", "offset_outcome": "first", "offset_count": 0, "detail": "the first campaign"}
     made = {"tracks": tracks, "track_states": states, "frame_offsets": [offset]}
-    return {name: table_from_rows(name, made.get(name, [])) for name in HISTORY_TABLES}
+    return {name: made.get(name, []) for name in HISTORY_TABLES}
+
+
+def history_tables(**settings: Any) -> dict[str, pa.Table]:
+    """The same as tables; settings as of ``history_rows``."""
+    return {name: table_from_rows(name, found) for name, found in history_rows(**settings).items()}
 
 
 def lake_tables(
