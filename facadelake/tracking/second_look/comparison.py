@@ -25,6 +25,8 @@ _SIDE_MAX = 481  # cells of a patch's side
 _MARGIN = 1.6  # surroundings, as a factor on the extents
 _SURROUND_MIN_M = 0.35
 _BORDER = 5  # cells at the border, where the band-pass sees no surroundings
+_REFINED_WITHIN, _REFINED_MIN = 5, 0.8  # cells; correlation at the defect from which the move by it counts
+ALIKE_MIN = 0.85  # correlation at the defect from which it looks the same
 _DARKEST = 8.0  # added to grey values before the logarithm: noise of the dark is not contrast
 _INSIDE_MIN = 0.9  # share of a patch that a photograph must show
 Detail = NDArray[np.float32]
@@ -132,8 +134,29 @@ def compare_views(seen: Sequence[Detail], other: Sequence[Detail], grid: PatchGr
     details = [extract_detail(view) for view in seen], [extract_detail(view) for view in other]
     # The reference is the view that agrees best with the other campaign: another may show something before the wall.
     reference = max(details[0], key=lambda view: max(_find_translation(view, one, reach)[0] for one in details[1]))
-    first = _average_views(reference, seen, details[0], grid, reach)
-    second = _average_views(reference, other, details[1], grid, reach)
+    warps = [[_find_warp(reference, view, reach) for view in one] for one in details]
+    whole = _compare(reference, (seen, other), details, warps, grid)
+    if whole.at_defect >= ALIKE_MIN:
+        return whole
+    # A sill or a shadow beside the defect can lead the move of the patch by its parallax: moved by the defect itself,
+    # it may look the same. What is not there cannot be made to.
+    refined = [
+        [_refine_at_defect(reference, view, warp, grid) for view, warp in zip(*one, strict=True)]
+        for one in zip(details, warps, strict=True)
+    ]
+    by_defect = _compare(reference, (seen, other), details, refined, grid)
+    return by_defect if by_defect.at_defect >= _REFINED_MIN else whole
+
+
+def _compare(
+    reference: Detail,
+    patches: tuple[Sequence[Detail], Sequence[Detail]],
+    details: tuple[Sequence[Detail], Sequence[Detail]],
+    warps: Sequence[Sequence[Detail]],
+    grid: PatchGrid,
+) -> Comparison:
+    """Compare two campaigns whose views are moved onto the reference."""
+    first, second = (_average_views(reference, *one, grid) for one in zip(patches, details, warps, strict=True))
     gain = np.float32(fit_gain(first.detail[grid.around], second.detail[grid.around]))
     difference = _blur(second.detail - gain * first.detail, 1.0)
     contrast = max(_average_largest(first.detail[grid.defect]), 1e-6)
@@ -158,11 +181,10 @@ class _Average:
 
 
 def _average_views(
-    reference: Detail, patches: Sequence[Detail], details: Sequence[Detail], grid: PatchGrid, reach: float
+    reference: Detail, patches: Sequence[Detail], details: Sequence[Detail], warps: Sequence[Detail], grid: PatchGrid
 ) -> _Average:
     """The median of the views moved onto the reference, without those that show something else than the best does."""
     cells = grid.defect | grid.around
-    warps = [_find_warp(reference, view, reach) for view in details]
     aligned = [_move(view, warp) for view, warp in zip(details, warps, strict=True)]
     likeness = [float(np.nan_to_num(_correlate(reference[cells], view[cells]), nan=-1.0)) for view in aligned]
     kept = [k for k, like in enumerate(likeness) if like >= 0.5 * max(likeness) or like == max(likeness)]
@@ -190,6 +212,20 @@ def _find_warp(reference: Detail, view: Detail, reach: float) -> Detail:
     if np.abs(warp @ corners - start @ corners).max() > 3 + 0.05 * max(height, width):
         warp = start
     return warp
+
+
+def _refine_at_defect(reference: Detail, view: Detail, warp: Detail, grid: PatchGrid) -> Detail:
+    """The move, shifted by a few cells to where the defect's own cells agree best."""
+    rows, columns = np.flatnonzero(grid.defect.any(axis=1)), np.flatnonzero(grid.defect.any(axis=0))
+    wide = _REFINED_WITHIN
+    part = np.s_[rows[0] - wide : rows[-1] + wide + 1, columns[0] - wide : columns[-1] + wide + 1]
+    inside = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    scores = cv2.matchTemplate(_move(view, warp)[part], reference[inside], cv2.TM_CCOEFF_NORMED)
+    row, column = np.unravel_index(int(np.argmax(scores)), scores.shape)
+    shift = np.array([int(column) - wide, int(row) - wide], dtype=np.float32)
+    refined = warp.copy()
+    refined[:, 2] += warp[:, :2] @ shift
+    return refined
 
 
 def _move(view: Detail, warp: Detail) -> Detail:

@@ -51,7 +51,7 @@ def measure_fading(seen: Detail, other: Detail, defect: BoolArray, around: BoolA
     """
     gain = np.float32(fit_gain(seen[around] - seen[around].mean(), other[around] - other[around].mean()))
     difference = _remove_shading(other - gain * seen, around)
-    relative = difference / _estimate_noise(difference, seen, around)
+    relative = difference / _estimate_noise(difference, gain * seen, other, around)
     level = _remove_shading(seen, around)[defect].mean()
     if level > _LIGHT_DEFECT_MIN:
         relative = -relative
@@ -103,10 +103,12 @@ def _measure_largest(changed: BoolArray, defect: BoolArray) -> tuple[float, floa
     return float(size[largest] / diagonal), cells / float(np.count_nonzero(defect))
 
 
-def _estimate_noise(difference: Detail, picture: Detail, around: BoolArray) -> Detail:
-    """One sigma (h, w) of a difference where nothing changed: a constant, and a share of the picture's steepness."""
-    gradient = np.hypot(cv2.Sobel(picture, -1, 1, 0, ksize=3), cv2.Sobel(picture, -1, 0, 1, ksize=3)) / 8
-    steepness = cv2.dilate(gradient.astype(np.float32), np.ones((3, 3), np.uint8))
+def _estimate_noise(difference: Detail, seen: Detail, other: Detail, around: BoolArray) -> Detail:
+    """One sigma (h, w) of a difference where nothing changed: a constant, and a share of the pictures' steepness.
+
+    Of the two pictures the less steep one counts: an edge that only one of them has is no misalignment.
+    """
+    steepness = np.minimum(_measure_steepness(seen), _measure_steepness(other))
     size, steep = np.abs(difference[around]), steepness[around]
     if len(size) < 50 * _STEEPNESS_BINS:
         constant = max(_NOISE_FLOOR, 1.4826 * float(np.median(size)) if len(size) else 0.05)
@@ -118,6 +120,11 @@ def _estimate_noise(difference: Detail, picture: Detail, around: BoolArray) -> D
     constant = max(_NOISE_FLOOR, float(np.median(sigma - share * centre)))
     noise: Detail = np.hypot(constant, share * steepness).astype(np.float32)
     return noise
+
+
+def _measure_steepness(picture: Detail) -> Detail:
+    gradient = np.hypot(cv2.Sobel(picture, -1, 1, 0, ksize=3), cv2.Sobel(picture, -1, 0, 1, ksize=3)) / 8
+    return np.asarray(cv2.dilate(gradient.astype(np.float32), np.ones((3, 3), np.uint8)), dtype=np.float32)
 
 
 def _average_top(values: Detail) -> float:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from facadelake.tracking.second_look.comparison import Comparison
+from facadelake.tracking.second_look.comparison import ALIKE_MIN, Comparison
 from schemas.vocabulary import DefectClass, LookVerdict
 
 _CELLS_MIN = 8  # along the defect, with one cell beyond it at each end; fewer show nothing of its look
-_SAME_MIN = 0.85
 _RECOGNISED_MIN = 0.4  # similarity of the surroundings from which it is the same wall
 _GONE_MAX = 0.7
 _GONE_DIFFERENCE_MIN, _GONE_LEFT_MAX = 0.5, 0.4
@@ -29,7 +28,7 @@ def judge_comparison(found: Comparison, defect_class: DefectClass) -> LookVerdic
     if np.isnan(found.at_defect) or found.cells < _CELLS_MIN:
         return LookVerdict.UNDECIDED
     fading, around = found.fading, float(np.nan_to_num(found.around, nan=0.0))
-    if found.at_defect >= _SAME_MIN and not (
+    if found.at_defect >= ALIKE_MIN and not (
         fading.extent >= _NOT_SAME_FADED_MIN and fading.sigmas >= _NOT_SAME_SIGMAS_MIN
     ):
         return LookVerdict.SAME
