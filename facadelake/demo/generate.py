@@ -158,7 +158,7 @@ def _render_campaign(
     images: Path,
 ) -> Iterator[str]:
     """Render the photographs of a campaign in processes of their own; yields each name when it is ready."""
-    jobs = []
+    jobs, optics = [], recipe.find_optics(campaign)
     for number, exposure in enumerate(exposures):
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = exposure.posed.site_from_cam.rotation, exposure.posed.centre_site_m
@@ -166,7 +166,7 @@ def _render_campaign(
             PhotoJob(
                 path=images / exposure.file_name,
                 site_from_cam=pose,
-                exif=encode_exif(exposure, recipe.optics),
+                exif=encode_exif(exposure, optics),
                 xmp=encode_xmp(exposure, recipe.place.height_ellipsoidal_m),
                 seed=campaign.seed * 1000 + number,
             )
@@ -180,7 +180,7 @@ def _render_campaign(
                 np.concatenate([getattr(p, k) for p in parts]) for k in ("triangles", "uv", "colours")
             )
             np.savez(folder / f"part_{i:02d}.npz", triangles=triangles, uv=uv, colours=colours)
-        job = RenderJob(camera=camera_from_optics(recipe.optics), noise=campaign.light.noise, photographs=jobs)
+        job = RenderJob(camera=camera_from_optics(optics), noise=campaign.light.noise, photographs=jobs)
         (folder / "job.pickle").write_bytes(pickle.dumps(job))
         yield from _run_renderers(folder, min(RENDER_PROCESSES, len(jobs)))
 

@@ -127,6 +127,12 @@ class Optics(RecipePart):
     focal_mm: float
     pitch_um: float
 
+    def scale_pixels(self, factor: float) -> Optics:
+        """The same lens before a sensor of the same size with ``factor`` times as many pixels a side."""
+        lengths = {name: getattr(self, name) * factor for name in ("fx_px", "fy_px", "cx_px", "cy_px")}
+        size = {name: round(getattr(self, name) * factor) for name in ("width_px", "height_px")}
+        return self.model_copy(update={**lengths, **size, "pitch_um": self.pitch_um / factor})
+
 
 class CloseRangeRow(RecipePart):
     """A row of close-range photographs along a surface from u to u, at a height and distance, metres."""
@@ -188,7 +194,10 @@ class Season(RecipePart):
 
 
 class CampaignRecipe(RecipePart):
-    """One campaign: its flight, light, season and temporary obstacles, and whether control points were surveyed."""
+    """One campaign: its flight, light, season and temporary obstacles, and whether control points were surveyed.
+
+    ``pixels``: factor of the photographs' sides against those of the recipe's optics; an older drone has fewer.
+    """
 
     id: str
     starts: str
@@ -198,6 +207,7 @@ class CampaignRecipe(RecipePart):
     season: Season = Season()
     obstacles: list[BoxVolume] = Field(default_factory=list)
     has_control_points: bool = True
+    pixels: float = Field(default=1.0, gt=0)
 
 
 class DemoRecipe(RecipePart):
@@ -214,6 +224,10 @@ class DemoRecipe(RecipePart):
     defects: list[DemoDefect]
     off_target_defects: list[DemoDefect]
     campaigns: list[CampaignRecipe]
+
+    def find_optics(self, campaign: CampaignRecipe) -> Optics:
+        """The optics of a campaign's photographs."""
+        return self.optics if campaign.pixels == 1 else self.optics.scale_pixels(campaign.pixels)
 
     @model_validator(mode="after")
     def _check_consistency(self) -> DemoRecipe:

@@ -26,14 +26,4 @@ def select_campaigns(recipe: DemoRecipe, *campaign_ids: str) -> DemoRecipe:
 
 def scale_photographs(recipe: DemoRecipe, *, width_px: int) -> DemoRecipe:
     """The recipe with photographs ``width_px`` wide and the same field of view, for quick tests."""
-    f = width_px / recipe.optics.width_px
-    sizes = {k: getattr(recipe.optics, k) * f for k in ("fx_px", "fy_px", "cx_px", "cy_px")}
-    optics = recipe.optics.model_copy(
-        update={
-            **sizes,
-            "width_px": width_px,
-            "height_px": round(recipe.optics.height_px * f),
-            "pitch_um": recipe.optics.pitch_um / f,
-        }
-    )
-    return recipe.model_copy(update={"optics": optics})
+    return recipe.model_copy(update={"optics": recipe.optics.scale_pixels(width_px / recipe.optics.width_px)})

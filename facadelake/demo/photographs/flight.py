@@ -109,7 +109,7 @@ def plan_flight(
 ) -> list[DemoExposure]:
     """All photographs of a campaign in the order in which they are taken, ``multiview/`` first."""
     flight, rng = campaign.flight, np.random.default_rng([world.recipe.seed, campaign.seed])
-    camera = camera_from_optics(world.recipe.optics)
+    camera = camera_from_optics(world.recipe.find_optics(campaign))
     stops = [("multiview", *s) for s in _plan_orbit(world.recipe.building, flight)]
     stops += [("closerange", *s) for s in _plan_close_range_rows(world, campaign)]
     starts = datetime.fromisoformat(campaign.starts)

@@ -91,3 +91,14 @@ def test_campaigns_are_in_the_order_of_their_days(recipe: DemoRecipe) -> None:
     assert [c.id for c in recipe.campaigns] == ["2025-04", "2025-10", "2026-04", "2026-10"]
     assert all(c.starts.startswith(c.id) for c in recipe.campaigns)
     assert [c.has_control_points for c in recipe.campaigns] == [False, False, True, True]
+
+
+def test_an_older_drone_has_the_same_view_in_fewer_pixels(recipe: DemoRecipe) -> None:
+    older, newer = (recipe.find_optics(recipe.campaigns[n]) for n in (0, 2))
+    assert newer == recipe.optics
+    assert (older.width_px, older.height_px, older.focal_mm) == (1280, 960, 5.0)
+    for side in ("width", "height"):
+        axis = "x" if side == "width" else "y"
+        views = [getattr(o, f"{side}_px") / getattr(o, f"f{axis}_px") for o in (older, newer)]
+        assert abs(views[0] - views[1]) < 1e-9
+    assert older.width_px * older.pitch_um == pytest.approx(newer.width_px * newer.pitch_um, rel=0, abs=1e-6)  # um
