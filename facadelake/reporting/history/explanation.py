@@ -289,10 +289,6 @@ def _explain_look(look: Row) -> str:
         text += f"; best {look['look_photo_id']} and {look['compared_photo_id']}"
     text += ")"
     figures = []
-    if look["look_similarity"] is not None:
-        figures.append(f"similarity of the defect {look['look_similarity']:.2f} (1: the same, 0: nothing in common)")
-    if look["surroundings_similarity"] is not None:
-        figures.append(f"of the wall around it {look['surroundings_similarity']:.2f}")
     if look["fading_extent"] is not None:
         faded = f"largest part that faded into the wall: {100 * look['fading_extent']:.0f} % of the defect's diagonal"
         if look["fading_sigmas"] is not None:
@@ -300,10 +296,17 @@ def _explain_look(look: Row) -> str:
         figures.append(faded)
     if look["darkening_extent"] is not None:
         figures.append(f"largest part that departed from the wall: {100 * look['darkening_extent']:.0f} %")
+    if look["look_similarity"] is not None:
+        figures.append(
+            f"similarity of all within the defect's extents {look['look_similarity']:.2f} (1: the same, 0: nothing in "
+            "common; a thin crack weighs little in it)"
+        )
+    if look["surroundings_similarity"] is not None:
+        figures.append(f"of the wall around it {look['surroundings_similarity']:.2f}")
     if look["contrast_difference"] is not None:
         figures.append(f"largest differences: {look['contrast_difference']:.1f} times the defect's contrast")
     if look["contrast_left"] is not None:
-        figures.append(f"contrast left at the place: {100 * look['contrast_left']:.0f} %")
+        figures.append(f"contrast left within the extents: {100 * look['contrast_left']:.0f} %")
     if look["look_cell_mm"] is not None:
         figures.append(f"compared in cells of {look['look_cell_mm']:.1f} mm")
     return f"{text}; {', '.join(figures)}" if figures else text

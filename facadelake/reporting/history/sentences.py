@@ -33,12 +33,16 @@ def describe_look(track: ComparedTrack, comparison: BuildingComparison) -> str:
     for campaign in (comparison.later, comparison.earlier):
         look = comparison.looks.get((campaign, track.track_id))
         if look is not None and look["look_similarity"] is not None:
-            around = look["surroundings_similarity"]
-            wall = "" if around is None else f", of the wall around it {around:.2f}"
-            return (
-                f"look at the place in {campaign}: similarity of the defect {look['look_similarity']:.2f}{wall} "
-                "(1: the same, 0: nothing in common)"
-            )
+            figures = [
+                f"similarity within the defect's extents {look['look_similarity']:.2f}",
+                None
+                if look["surroundings_similarity"] is None
+                else f"of the wall around it {look['surroundings_similarity']:.2f} (1: the same)",
+                None
+                if look["fading_extent"] is None
+                else f"{100 * look['fading_extent']:.0f} % of the defect's diagonal faded into the wall",
+            ]
+            return f"look at the place in {campaign}: {', '.join(text for text in figures if text)}"
     return ""
 
 

@@ -243,4 +243,6 @@ def test_relations_and_remarks_are_told() -> None:
     reviewed = next(track for track in comparison.tracks if track.track_id == "wall-0004")
     assert describe_evidence(reviewed) == "stated by a person; by Ms Wall"
     missed = next(track for track in comparison.tracks if track.track_id == "wall-0006")
-    assert "similarity of the defect 0.90, of the wall around it 0.83" in describe_look(missed, comparison)
+    assert "similarity within the defect's extents 0.90, of the wall around it 0.83" in describe_look(
+        missed, comparison
+    )
