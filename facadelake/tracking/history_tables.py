@@ -217,8 +217,13 @@ class _Builder:
         before = self.history.campaigns[one.previous[0]]
         years = (self.history.campaigns[campaign].tracked.captured_at - before.tracked.captured_at) / YEAR
         columns |= {"previous_campaign": before.campaign_id, "years_since_previous": years}
+        remarks = []
         if years < _SAME_DAY_YEARS:
-            columns["state_remark"] = "less than a day after the detection before: a rate would say nothing"
+            remarks.append("less than a day after the detection before: a rate would say nothing")
+        element = self.defects[one.previous[0]][one.previous[1]]["element_guid"]
+        if element != defect["element_guid"]:
+            remarks.append(f"attributed to element {defect['element_guid']}, in {before.campaign_id} to {element}")
+        columns["state_remark"] = "; ".join(remarks) or None
         for quantity, change in self.history.changes.get((campaign, one.row), {}).items():
             size = float(np.exp(before.sizes[quantity].log_size[one.previous[1]]))
             columns |= dict(zip(_CHANGES[quantity], _convert_change(size, change), strict=True))
