@@ -1,6 +1,6 @@
 """Grade committed defects by another rule pack, as a new version of the lake; earlier versions are kept.
 
-Only severity, severity_rule and graded_by change; the run that measured the defects stays theirs, so a later inspection
+Only the grades of defects and tracks change; the run that measured the defects stays theirs, so a later inspection
 of unchanged inputs leaves the new grades alone. What a person has graded stays the person's.
 """
 
@@ -163,6 +163,16 @@ def _write(connection: duckdb.DuckDBPyConnection, found: Regrading, changed: pa.
             f"UPDATE defects SET {', '.join(f'{name} = graded.{name}' for name in GRADE_COLUMNS)} FROM graded "
             "WHERE defects.building_id = ? AND defects.campaign_id = graded.campaign_id "
             "AND defects.defect_id = graded.defect_id",
+            [found.building_id],
+        )
+        # A track has the grade of its latest detection. When it reaches the next limit is for tracking to say.
+        connection.execute(
+            "UPDATE tracks SET severity = defects.severity, severity_rule = defects.severity_rule, next_limit = NULL, "
+            "next_severity = NULL, next_limit_from = NULL, next_limit_at = NULL, next_limit_to = NULL, "
+            "trend_remark = 'regraded since; facadelake track tells the next limit' FROM defects "
+            "WHERE tracks.building_id = ? AND defects.building_id = tracks.building_id "
+            "AND defects.campaign_id = tracks.detected_campaign AND defects.defect_id = tracks.defect_id "
+            "AND (tracks.severity, tracks.severity_rule) <> (defects.severity, defects.severity_rule)",
             [found.building_id],
         )
     return get_last_version(connection)

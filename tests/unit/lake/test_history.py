@@ -11,6 +11,8 @@ from facadelake.core.errors import HistoryOutdatedError, SchemaError
 from facadelake.lake.commit import commit_campaign
 from facadelake.lake.history import TrackedHistory, commit_history
 from facadelake.lake.read import read_table
+from facadelake.lake.regrading import regrade
+from facadelake.severity import find_rule_file
 from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, INPUTS, commit, history_tables, lake_tables
 
 IDS = {f"{BUILDING}-{number:04d}" for number in (1, 2, 3)}
@@ -66,3 +68,13 @@ def test_a_history_by_itself_is_a_version_and_keeps_other_buildings(tmp_path: Pa
 def test_a_history_with_other_columns_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SchemaError, match="table tracks has the columns"):
         commit_with(tmp_path, track(tracks=pa.table({"track_id": ["a"]})))
+
+
+def test_a_regrading_reaches_the_tracks_and_takes_off_what_it_makes_untrue(tmp_path: Path) -> None:
+    commit_with(tmp_path, track())
+    regrade(tmp_path, building_id=BUILDING, campaign_id=None, rule_file=find_rule_file("nyc_fisp_v1"))
+    tracks = read_table(tmp_path, "tracks").to_pylist()
+    assert [(row["severity"], row["severity_rule"]) for row in tracks] == [
+        (word, "nyc_fisp_v1") for word in ("SWARMP", "UNSAFE", "SWARMP")
+    ]
+    assert all("facadelake track" in row["trend_remark"] for row in tracks)
