@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shutil import copytree
 
 from prefect import task
 
@@ -18,7 +19,7 @@ from schemas.tables import HISTORY_TABLES
 from tasks.job import InspectionJob, StageResult, StageResults
 from tasks.record import read_stage_tables
 from tasks.stage import Counts, run_stage
-from tasks.track import TrackedCampaigns
+from tasks.track import LOOKS, TrackedCampaigns
 from tasks.verify_model import read_as_built_surface
 
 _OF_CAMPAIGNS = ("buildings", "campaigns", "poses", "defects")  # of the campaign before, besides the history
@@ -58,6 +59,7 @@ def draw(job: InspectionJob, results: StageResults, checks: StageResult, tracked
         states = {name: read_table(name, history.folder) for name in TABLES if name in HISTORY_TABLES}
         since = compare_with_previous({**committed, **states}, job.building, job.campaign_id, job.lake, building.origin)
         write_report(inspection, Surface(building), folder / PICTURES, PictureSettings(), since)
+        copytree(history.folder / LOOKS, folder / PICTURES / LOOKS)
         return {"pictures": len(list(folder.rglob("*.png"))) + len(list(folder.rglob("*.jpg")))}
 
     inputs = {

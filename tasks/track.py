@@ -34,7 +34,7 @@ from tasks.job import InspectionJob, StageResult, StageResults
 from tasks.record import assemble_campaign
 from tasks.stage import Counts, run_stage
 
-PICTURES = "looks"  # published; named by track, campaign that detected it and campaign looked at
+LOOKS = "looks"  # folder of pictures, published; named by track, campaign that detected it and campaign looked at
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,9 +73,9 @@ def track_campaigns(job: InspectionJob, model: StageResult, history: BuildingHis
         )
         for name in HISTORY_TABLES:
             write_table(name, made.tables[name], folder)
-        (folder / PICTURES).mkdir()
+        (folder / LOOKS).mkdir()
         for name, picture in made.pictures.items():
-            (folder / PICTURES / name).write_bytes(picture)
+            (folder / LOOKS / name).write_bytes(picture)
         latest = linked.campaigns[-1].campaign_id
         states = [row for row in list_rows(made.tables["track_states"]) if row["campaign_id"] == latest]
         return {"tracks": len(made.tables["tracks"]), **Counter(row["track_state"] for row in states)}
