@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -80,14 +82,20 @@ def _measure(
         report.add_history(f"{name}, {boxes} boxes", figures, idf1=idf1, states=states)
         print(f"<!-- pictures of wrong states: {plots} -->", flush=True)
         known = count_known_looks(portfolio or ROOT / "data" / "portfolio.yaml", building, lake, truth)
-        for place in sorted({place for place, _ in known}):
-            total = sum(count for (of, _), count in known.items() if of == place)
-            verdicts = ", ".join(
-                f"{verdict} {known[place, verdict]}" for verdict in LookVerdict if known[place, verdict]
-            )
-            goal = (
-                Goal(figure=f"looks say gone: {place}", high=0.0)
-                if place.startswith("there")
-                else Goal(figure=f"looks say gone: {place}")
-            )
-            report.add(f"{name}, {boxes} boxes", goal, known[place, LookVerdict.GONE] / total, verdicts)
+        _add_known_looks(report, f"{name}, {boxes} boxes", known)
+
+
+def _add_known_looks(report: HistoryReport, run: str, known: Counter[tuple[str, LookVerdict]]) -> None:
+    """Rows of what looks say of known places: ``gone`` of what is there is a false repair where the detector misses it,
+    ``same`` recovers it."""
+    for place in sorted({place for place, _ in known}):
+        of_place = {verdict: known[place, verdict] for verdict in LookVerdict if known[place, verdict]}
+        total = sum(of_place.values())
+        verdicts = ", ".join(f"{verdict} {count}" for verdict, count in of_place.items())
+        high = 0.0 if place.startswith("there") else math.inf
+        report.add(
+            run, Goal(figure=f"looks say gone: {place}", high=high), known[place, LookVerdict.GONE] / total, verdicts
+        )
+        if place == "there":
+            share = known[place, LookVerdict.SAME] / total
+            report.add(run, Goal(figure="looks say same: there, as if not detected", low=0.8), share, verdicts)
