@@ -106,6 +106,9 @@ def _maximise(pairs: CandidatePairs, log_odds: Float64N, known_count: int, found
     bounds = np.flatnonzero(np.diff(group[known][order])) + 1
     chosen: list[int] = []
     for rows in np.split(useful[order], bounds):
+        if len(rows) == 1:
+            chosen.append(int(rows[0]))
+            continue
         first, row_of = np.unique(pairs.known[rows], return_inverse=True)
         second, column_of = np.unique(pairs.found[rows], return_inverse=True)
         gain = np.zeros((len(first), len(second)))

@@ -8,6 +8,7 @@ proportion to its covariance, and the change of class and size. What both campai
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -102,8 +103,10 @@ def _find_near(known: DefectArrays, found: DefectArrays, offset_m: Float64Nx3, r
     limit = _compute_radius(found, reach_m)
     tree = cKDTree(found.xyz_site_m - offset_m)
     near = tree.query_ball_point(known.xyz_site_m, np.minimum(radius[:, 0] + limit.max(), _REACH_MAX_M * 2))
-    pairs = np.array([(row, other) for row, others in enumerate(near) for other in sorted(others)], dtype=np.int64)
-    pairs = pairs.reshape(-1, 2)
+    counts = [len(others) for others in near]
+    found_rows = np.fromiter(chain.from_iterable(near), dtype=np.int64, count=sum(counts))
+    pairs = np.column_stack([np.repeat(np.arange(len(counts)), counts), found_rows])
+    pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
     distance = np.linalg.norm(
         found.xyz_site_m[pairs[:, 1]] - offset_m[pairs[:, 1]] - known.xyz_site_m[pairs[:, 0]], axis=1
     )

@@ -21,6 +21,7 @@ _PAIR_FLOOR_M = 0.01  # one sigma of a displacement besides covariance and exten
 _ROUNDS = 10
 _INLIER_SIGMAS = 3.0
 _PAIRS_MIN = 4
+_MODE_ROWS_MAX, _MODE_TRIED_MAX = 3000, 500
 _ADMITTED_SIGMAS, _ADMITTED_FLOOR_M = 4.0, 0.10
 _SEARCHED_M = 1.5
 _JUMP_PAIRS_MIN = 6
@@ -128,15 +129,17 @@ def _estimate(
 
 def _find_mode(shift: Float64Nx3, information: np.ndarray, prior: Float64x3x3) -> int:
     """Row of the displacement that most others support."""
-    if len(shift) > 3000:
-        rows = np.random.default_rng(0).choice(len(shift), 3000, replace=False)
-    else:
-        rows = np.arange(len(shift))
-    best, best_score = 0, -np.inf
-    for row in rows[:: max(1, len(rows) // 500)].tolist():
-        residual = shift[rows] - shift[row]
-        squared = np.einsum("ki,kij,kj->k", residual, information[rows], residual)
-        score = float(np.exp(-0.5 * squared).sum()) * float(np.exp(-0.5 * shift[row] @ prior @ shift[row]))
-        if score > best_score:
-            best, best_score = row, score
-    return best
+    rows = np.arange(len(shift))
+    if len(shift) > _MODE_ROWS_MAX:
+        rows = np.random.default_rng(0).choice(len(shift), _MODE_ROWS_MAX, replace=False)
+    tried = shift[rows[:: max(1, len(rows) // _MODE_TRIED_MAX)]]
+    weight = information[rows]
+    # (s - t)' W (s - t) of all rows s and all tried t at once, as products of matrices.
+    weighted = np.einsum("kij,kj->ki", weight, shift[rows])
+    squared = (
+        np.einsum("ki,ki->k", weighted, shift[rows])
+        - 2 * tried @ weighted.T
+        + (tried[:, :, None] * tried[:, None, :]).reshape(-1, 9) @ weight.reshape(-1, 9).T
+    )
+    support = np.exp(-0.5 * squared).sum(axis=1) * np.exp(-0.5 * np.einsum("ki,ij,kj->k", tried, prior, tried))
+    return int(rows[:: max(1, len(rows) // _MODE_TRIED_MAX)][np.argmax(support)])

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from bisect import bisect
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +30,8 @@ _CHANGES = {
     TrendQuantity.AREA: ("area_change_m2", "area_change_sigma_m2"),
     TrendQuantity.CRACK_WIDTH: ("crack_width_change_mm", "crack_width_change_sigma_mm"),
 }
+_ROWS_AT_A_TIME = 10_000
+_STATE_COLUMNS = ["defect_id", "defect_class", "element_guid", "geometry"]
 _LOG_ODDS_MIN = -12.0  # candidates that are less likely are not kept
 
 
@@ -75,28 +79,47 @@ def build_history_tables(
         looks=looks,
         ids=ids,
         reviews=_read_reviews(known),
-        defects=[list_rows(one.defect_table) for one in history.campaigns],
+        defects=[list_rows(one.defect_table.select(_STATE_COLUMNS)) for one in history.campaigns],
+        last_detected=_read_last_detected(history),
     )
     states = [builder.decide(chain) for chain in range(len(ids))]
     trends = describe_trends(history, rule_file)
-    looked = builder.list_look_rows()
-    rows = {
-        "tracks": [
-            *(builder.build_track(chain, states[chain], trends[chain]) for chain in range(len(ids))),
-            *_withdraw(known.tracks, set(ids)),
-        ],
-        "track_states": [row for chain in range(len(ids)) for row in builder.build_states(chain, states[chain])],
+    rows: dict[str, Iterable[Row]] = {
+        "tracks": chain.from_iterable(
+            (
+                (builder.build_track(number, states[number], trends[number]) for number in range(len(ids))),
+                _withdraw(known.tracks, set(ids)),
+            )
+        ),
+        "track_states": (row for number in range(len(ids)) for row in builder.build_states(number, states[number])),
         "track_relations": builder.build_relations(),
         "track_candidates": builder.build_candidates(),
-        "looks": [row for row, _ in looked],
+        "looks": builder.build_look_rows(),
         "frame_offsets": build_offset_rows(building_id, history),
     }
-    tables = {
-        name: table_from_rows(name, found).sort_by([(key, "ascending") for key in HISTORY_TABLES[name].key])
-        for name, found in rows.items()
-    }
-    pictures = {name_picture(row): look.picture for row, look in looked if look.picture is not None}
+    tables = {name: _make_table(name, found) for name, found in rows.items()}
+    pictures = dict(builder.list_pictures())
     return HistoryTables(tables=tables, pictures=pictures)
+
+
+def _read_last_detected(history: LinkedHistory) -> list[Row]:
+    """The row of table ``defects`` of each chain's last detection."""
+    found: list[Row] = [{} for _ in history.sightings]
+    for campaign, records in enumerate(history.campaigns):
+        chains = [number for number, one in enumerate(history.sightings) if max(one) == campaign]
+        rows = records.defect_table.take(pa.array([history.sightings[n][campaign].row for n in chains], pa.int64()))
+        for number, row in zip(chains, list_rows(rows), strict=True):
+            found[number] = row
+    return found
+
+
+def _make_table(name: str, rows: Iterable[Row]) -> pa.Table:
+    """A table of many rows, some thousand of which are in memory as Python objects at a time."""
+    parts = [table_from_rows(name, [])]
+    remaining = iter(rows)
+    while part := list(islice(remaining, _ROWS_AT_A_TIME)):
+        parts.append(table_from_rows(name, part))
+    return pa.concat_tables(parts).sort_by([(key, "ascending") for key in HISTORY_TABLES[name].key])
 
 
 def name_picture(look: Mapping[str, Any]) -> str:
@@ -108,7 +131,8 @@ def name_picture(look: Mapping[str, Any]) -> str:
 class _Builder:
     """Rows of the tables; ``ids`` of the chains, ``reviews``: states by track and campaign, with the reviewer.
 
-    ``defects``: rows of table ``defects`` by number of the campaign.
+    ``defects``: columns of table ``defects`` that states have, by number of the campaign; ``last_detected``: the whole
+    row of each chain's last detection.
     """
 
     building_id: str
@@ -117,6 +141,7 @@ class _Builder:
     ids: list[str]
     reviews: Mapping[str, Mapping[str, tuple[TrackState, str]]]
     defects: list[list[Row]]
+    last_detected: list[Row]
 
     def decide(self, chain: int) -> list[StateInCampaign]:
         """The states of a chain in every campaign."""
@@ -146,7 +171,7 @@ class _Builder:
         found = []
         for campaign, records in enumerate(self.history.campaigns):
             if campaign not in sightings:
-                seen = max((k for k in known if k < campaign), default=known[0])
+                seen = known[max(bisect(known, campaign) - 1, 0)]
                 defects = self.history.campaigns[seen]
                 defect_id = str(defects.tracked.defects.defect_id[sightings[seen].row])
                 found.append((campaign, self.looks[defects.campaign_id, defect_id, records.campaign_id]))
@@ -160,7 +185,7 @@ class _Builder:
         """The row of table ``tracks``."""
         sightings, campaigns = self.history.sightings[chain], self.history.campaigns
         detected = max(sightings)
-        defect = self.defects[detected][sightings[detected].row]
+        defect = self.last_detected[chain]
         columns = {column.name for column in HISTORY_TABLES["tracks"].columns}
         numbers = {records.campaign_id: k for k, records in enumerate(campaigns)}
         present = [numbers[state.campaign_id] for state in states if state.present]
@@ -243,33 +268,34 @@ class _Builder:
             for one in self.history.relations
         ]
 
-    def build_candidates(self) -> list[Row]:
+    def build_candidates(self) -> Iterator[Row]:
         """The rows of table ``track_candidates``."""
-        rows = []
         for campaign, records in enumerate(self.history.campaigns):
             found = self.history.find_link(campaign).candidates
             for k in np.flatnonzero(found.matched | (found.log_odds >= _LOG_ODDS_MIN)).tolist():
-                rows.append(
-                    {
-                        **self._key(campaign),
-                        "track_id": self.ids[int(found.chain[k])],
-                        "defect_id": str(records.tracked.defects.defect_id[found.defect[k]]),
-                        "displacement_m": float(found.displacement_m[k]),
-                        "mahalanobis_distance": float(found.mahalanobis[k]),
-                        "log_odds": float(found.log_odds[k]),
-                        "match_probability": float(min(found.probability[k], 1.0)),
-                        "matched": bool(found.matched[k]),
-                    }
-                )
-        return rows
+                yield {
+                    **self._key(campaign),
+                    "track_id": self.ids[int(found.chain[k])],
+                    "defect_id": str(records.tracked.defects.defect_id[found.defect[k]]),
+                    "displacement_m": float(found.displacement_m[k]),
+                    "mahalanobis_distance": float(found.mahalanobis[k]),
+                    "log_odds": float(found.log_odds[k]),
+                    "match_probability": float(min(found.probability[k], 1.0)),
+                    "matched": bool(found.matched[k]),
+                }
 
-    def list_look_rows(self) -> list[tuple[Row, Look]]:
-        """The rows of table ``looks``, each with its look."""
-        return [
-            (self._describe_look(chain, campaign, look), look)
-            for chain in range(len(self.ids))
-            for campaign, look in self._map_look_by_campaign(chain)
-        ]
+    def build_look_rows(self) -> Iterator[Row]:
+        """The rows of table ``looks``."""
+        for number in range(len(self.ids)):
+            for campaign, look in self._map_look_by_campaign(number):
+                yield self._describe_look(number, campaign, look)
+
+    def list_pictures(self) -> Iterator[tuple[str, bytes]]:
+        """The pictures of looks, with their file names."""
+        for number in range(len(self.ids)):
+            for campaign, look in self._map_look_by_campaign(number):
+                if look.picture is not None:
+                    yield name_picture(self._describe_look(number, campaign, look)), look.picture
 
     def _describe_look(self, chain: int, campaign: int, look: Look) -> Row:
         found = look.comparison

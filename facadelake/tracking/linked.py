@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from bisect import bisect
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from facadelake.core.arrays import Float64N, Float64x3
 from facadelake.registration import compute_tangents
@@ -56,6 +58,14 @@ class Relation:
     kind: TrackRelation
     other: int | None
     detail: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _DefectTree:
+    """Places of a campaign's defects in the first campaign's frame, and the largest of their extents."""
+
+    tree: cKDTree
+    extent_max_m: float
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -125,7 +135,7 @@ def list_look_requests(history: LinkedHistory) -> list[LookRequest]:
         for campaign in range(len(history.campaigns)):
             if campaign in sightings:
                 continue
-            seen = max((k for k in known if k < campaign), default=known[0])
+            seen = known[max(bisect(known, campaign) - 1, 0)]
             row = sightings[seen].row
             records = history.campaigns[seen]
             defects = records.tracked.defects
@@ -183,7 +193,8 @@ def _compare_detections(
         scales |= {(number, quantity): change.scale for quantity, change in compared.items()}
         classes = [DefectClass(CLASSES[records.tracked.defects.defect_class[one.row]]) for one in found]
         tested = [(k, quantity) for k, name in enumerate(classes) for quantity in TESTED[name]]
-        p_value = np.array([compared[quantity].p_value[k] for k, quantity in tested])
+        of_quantity = {quantity: change.p_value for quantity, change in compared.items()}
+        p_value = np.array([of_quantity[quantity][k] for k, quantity in tested])
         significant = {pair for pair, yes in zip(tested, select_significant(p_value).tolist(), strict=True) if yes}
         for k, one in enumerate(found):
             changes[number, one.row] = {
@@ -218,6 +229,13 @@ def _relate(
 ) -> tuple[list[frozenset[int]], list[Relation]]:
     """Which chains are a part of another one in campaigns that did not detect them; splits, joins, changes of class."""
     parts: list[set[int]] = [set() for _ in sightings]
+    trees = [
+        _DefectTree(
+            tree=cKDTree(one.tracked.defects.xyz_site_m - link.offset_m),
+            extent_max_m=float(one.tracked.defects.extent_m.max(initial=0.0)),
+        )
+        for one, link in zip(campaigns, links, strict=True)
+    ]
     relations = []
     for chain, own in enumerate(sightings):
         for _, one in sorted(own.items()):
@@ -227,12 +245,12 @@ def _relate(
         first, last = min(own), max(own)
         # Joined: detected before, and covered since by a defect that did not cover it then.
         if last + 1 < len(campaigns):
-            other = _find_cover(campaigns, links, sightings, chain, last, last + 1)
+            other = _find_cover(campaigns, links, sightings, trees[last + 1], chain, last, last + 1)
             if other is not None:
                 parts[chain].add(last + 1)
                 relations.append(_describe_part(campaigns, TrackRelation.JOINED_INTO, chain, last + 1, other))
         if first > 0:
-            other = _find_cover(campaigns, links, sightings, chain, first, first - 1)
+            other = _find_cover(campaigns, links, sightings, trees[first - 1], chain, first, first - 1)
             if other is not None:
                 parts[chain].add(first - 1)
                 relations.append(_describe_part(campaigns, TrackRelation.SPLIT_FROM, chain, first, other))
@@ -268,6 +286,7 @@ def _find_cover(
     campaigns: Sequence[CampaignRecords],
     links: Sequence[CampaignLink],
     sightings: Sequence[dict[int, ChainDefect]],
+    tree: _DefectTree,
     chain: int,
     there: int,
     elsewhere: int,
@@ -276,11 +295,15 @@ def _find_cover(
     row = sightings[chain][there].row
     own = campaigns[there].tracked.defects
     centre = own.xyz_site_m[row] - links[there].offset_m[row]
-    other = campaigns[elsewhere].tracked.defects
+    everywhere = campaigns[elsewhere].tracked.defects
+    # A defect that covers this one has its centre within half of its own diagonal and of this one's.
+    reach_m = (float(np.hypot(own.width_m[row], own.height_m[row])) + tree.extent_max_m) / 2 + _COVERED_DEPTH_M
+    near = np.array(sorted(tree.tree.query_ball_point(centre, reach_m)), dtype=np.int64)
+    other = everywhere.take(near)
     if not len(other):
         return None
     across, upward = (axis[0] for axis in compute_tangents(own.normal_site[row][None]))
-    shift = other.xyz_site_m - links[elsewhere].offset_m - centre
+    shift = other.xyz_site_m - links[elsewhere].offset_m[near] - centre
     share = np.ones(len(other))
     for axis, name in ((across, "width_m"), (upward, "height_m")):
         half, half_other = float(getattr(own, name)[row]) / 2, getattr(other, name) / 2
@@ -293,7 +316,7 @@ def _find_cover(
         & (other.defect_class == own.defect_class[row])
     )
     for candidate in np.flatnonzero(covers)[np.argsort(-share[covers])].tolist():
-        cover = int(links[elsewhere].chain[candidate])
+        cover = int(links[elsewhere].chain[near[candidate]])
         beside = sightings[cover].get(there)  # it must have been found apart where this one was
         if cover != chain and beside is not None:
             return cover

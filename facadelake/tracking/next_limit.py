@@ -5,15 +5,25 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from facadelake.core.arrays import Float64N
 from facadelake.severity import grade_defects, read_rule_pack
 from schemas.vocabulary import TrendQuantity
 
+_ALONG = {TrendQuantity.LENGTH: 1.0, TrendQuantity.AREA: 0.5}
+# How the columns of a defect grow with one of its sizes: as its power.
+_EXPONENTS: dict[str, dict[TrendQuantity, float]] = {
+    "crack_width_mm": {TrendQuantity.CRACK_WIDTH: 1.0},
+    "crack_width_max_mm": {TrendQuantity.CRACK_WIDTH: 1.0},
+    "length_m": _ALONG,
+    "width_m": _ALONG,
+    "height_m": _ALONG,
+    "area_m2": {TrendQuantity.LENGTH: 1.0, TrendQuantity.AREA: 1.0},
+}
 _FACTOR_MAX, _COARSE_STEPS, _FINE_STEPS = 20.0, 100, 40
 
 
@@ -53,27 +63,18 @@ def _find_worse(
 ) -> list[tuple[int, str | None]]:
     """The first column of ``factors`` (n, k) that each defect is graded worse for than for the first; 0: none."""
     ranks = {word: rank for rank, word in enumerate(read_rule_pack(rule_file.stem, rule_file.parent).severities)}
-    rows: list[dict[str, Any]] = []
-    for place, row in enumerate(defects.to_pylist()):
-        for step, factor in enumerate(factors[place].tolist()):
-            rows.append({**row, **_scale(row, quantities[place], factor), "defect_id": f"{place}|{step}"})
-    graded = grade_defects(pa.Table.from_pylist(rows, schema=defects.schema), rule_file).column("severity").to_pylist()
-    words = np.array(graded, dtype=object).reshape(factors.shape)
+    steps = factors.shape[1]
+    larger = defects.take(np.repeat(np.arange(len(defects)), steps))
+    for name, exponent in _EXPONENTS.items():
+        by_row = np.repeat([exponent.get(quantity, 0.0) for quantity in quantities], steps)
+        scaled = pc.multiply(larger.column(name), pa.array(factors.ravel() ** by_row))
+        larger = larger.set_column(larger.column_names.index(name), larger.schema.field(name), scaled)
+    ids = pa.array([f"{place}|{step}" for place in range(len(defects)) for step in range(steps)])
+    larger = larger.set_column(larger.column_names.index("defect_id"), larger.schema.field("defect_id"), ids)
+    words = np.array(grade_defects(larger, rule_file).column("severity").to_pylist(), dtype=object)
+    words = words.reshape(factors.shape)
     found: list[tuple[int, str | None]] = []
     for line in words:
         worse = [step for step, word in enumerate(line) if ranks[word] < ranks[line[0]]]
         found.append((worse[0], line[worse[0]]) if worse else (0, None))
     return found
-
-
-def _scale(row: dict[str, Any], quantity: TrendQuantity, factor: float) -> dict[str, float | None]:
-    """The columns of a defect that change when one of its sizes does."""
-
-    def times(names: Sequence[str], by: float) -> dict[str, float | None]:
-        return {name: None if row[name] is None else row[name] * by for name in names}
-
-    if quantity is TrendQuantity.CRACK_WIDTH:
-        return times(("crack_width_mm", "crack_width_max_mm"), factor)
-    if quantity is TrendQuantity.LENGTH:
-        return times(("length_m", "width_m", "height_m", "area_m2"), factor)
-    return {**times(("length_m", "width_m", "height_m"), float(np.sqrt(factor))), **times(("area_m2",), factor)}

@@ -21,7 +21,7 @@ from facadelake.tracking.size_change import DefectSizes, summarise_sizes
 from schemas.vocabulary import CrackWidthOutcome, TrendQuantity
 
 # Of the logarithm: what the sightings of one campaign share, by viewpoint and light.
-_SHARED_SIGMA = {TrendQuantity.LENGTH: 0.03, TrendQuantity.AREA: 0.045}
+_SHARED_SIGMA = {TrendQuantity.LENGTH: 0.02, TrendQuantity.AREA: 0.03}
 ORIGIN_COLUMNS = ("origin_lon_deg", "origin_lat_deg", "origin_height_ellipsoidal_m")
 
 

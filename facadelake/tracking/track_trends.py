@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from facadelake.tracking.campaign_defects import CLASSES
 from facadelake.tracking.linked import TESTED, YEAR, LinkedHistory
@@ -18,6 +20,7 @@ from schemas.vocabulary import DefectClass, TrendQuantity
 
 _EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
 _HORIZON_YEARS = 100.0
+_LIMITS_AT_A_TIME = 500  # defects, each with a hundred sizes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,12 +61,17 @@ def _find_limits(
     """The next limit of each of some chains, from its last detection."""
     limits: list[NextLimit | None] = [None] * len(chains)
     last = {chain: history.sightings[chain][max(history.sightings[chain])] for chain in chains}
-    for campaign in sorted({one.campaign for one in last.values()}):
-        places = [k for k, chain in enumerate(chains) if last[chain].campaign == campaign]
-        rows = [last[chains[k]].row for k in places]
-        quantities = [one.quantity for k in places if (one := found[chains[k]]) is not None]
-        table = history.campaigns[campaign].defect_table.take(rows)
-        for place, limit in zip(places, find_next_limits(table, quantities, rule_file), strict=True):
+    # All in one table: the rule pack is asked by a database of its own each time.
+    order = sorted(range(len(chains)), key=lambda k: last[chains[k]].campaign)
+    table = pa.concat_tables(
+        history.campaigns[campaign].defect_table.take([last[chains[k]].row for k in places])
+        for campaign, places in groupby(order, key=lambda k: last[chains[k]].campaign)
+    )
+    quantities = [one.quantity for k in order if (one := found[chains[k]]) is not None]
+    for first in range(0, len(order), _LIMITS_AT_A_TIME):
+        part = slice(first, first + _LIMITS_AT_A_TIME)
+        next_limits = find_next_limits(table.slice(first, _LIMITS_AT_A_TIME), quantities[part], rule_file)
+        for place, limit in zip(order[part], next_limits, strict=True):
             limits[place] = limit
     return limits
 

@@ -8,6 +8,8 @@ import numpy as np
 
 from facadelake.core.arrays import Float64Array, Float64N
 
+_DRAWS_MIN, _DRAWS_MAX, _SLOPES_MAX = 200, 1000, 20_000
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trend:
@@ -20,14 +22,13 @@ class Trend:
     draws_level: Float64Array
 
 
-def fit_trend(year: Float64N, size: Float64N, sigma: Float64N, *, draws: int = 1000) -> Trend | None:
+def fit_trend(year: Float64N, size: Float64N, sigma: Float64N) -> Trend | None:
     """Theil-Sen slope of a size over three or more campaigns, its interval from the sizes' own sigmas.
 
     Args:
         year: times (n,) in years.
         size: sizes (n,).
         sigma: one sigma of each (n,).
-        draws: number of draws of the sizes' errors.
 
     Returns:
         The trend; None for fewer than three sizes or none between different times.
@@ -39,6 +40,8 @@ def fit_trend(year: Float64N, size: Float64N, sigma: Float64N, *, draws: int = 1
     first, second = first[apart], second[apart]
     if len(year) < 3 or not len(first):
         return None
+    # Many campaigns have many pairs; the interval of their trend is narrow, and fewer draws tell it as well.
+    draws = max(_DRAWS_MIN, min(_DRAWS_MAX, _SLOPES_MAX // len(first)))
     drawn = size + sigma * np.random.default_rng(0).normal(size=(draws, len(year)))
     drawn[0] = size
     slopes = np.median((drawn[:, second] - drawn[:, first]) / (year[second] - year[first]), axis=1)

@@ -23,7 +23,7 @@ from facadelake.tracking.second_look.fading import Fading, fit_gain, measure_fad
 _FINE_CELLS, _COARSE_CELLS = 1.0, 8.0
 _SIDE_MAX = 481  # cells of a patch's side
 _MARGIN = 1.6  # surroundings, as a factor on the extents
-_SURROUND_MIN_M = 0.35
+SURROUND_MIN_M = 0.35
 _BORDER = 5  # cells at the border, where the band-pass sees no surroundings
 _REFINED_WITHIN, _REFINED_MIN = 5, 0.8  # cells; correlation at the defect from which the move by it counts
 ALIKE_MIN = 0.85  # correlation at the defect from which it looks the same
@@ -55,7 +55,7 @@ class PatchGrid:
     @staticmethod
     def build(place: Place, gsd_m: float) -> PatchGrid:
         """The grid of a place with cells of ``gsd_m``, or larger ones where the place is large."""
-        half_m = [max(_MARGIN * e / 2, e / 2 + _SURROUND_MIN_M) for e in (place.width_m, place.height_m)]
+        half_m = [max(_MARGIN * e / 2, e / 2 + SURROUND_MIN_M) for e in (place.width_m, place.height_m)]
         cell = max(gsd_m, 2 * max(half_m) / (_SIDE_MAX - 1))
         half = (int(np.ceil(half_m[0] / cell)) + _BORDER, int(np.ceil(half_m[1] / cell)) + _BORDER)
         columns, rows = (np.abs(np.arange(-n, n + 1)) * cell for n in half)

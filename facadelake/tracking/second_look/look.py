@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facadelake.building.surface import Surface, check_visibility, project_points
-from facadelake.core.arrays import Float64Nx3, Float64x3, UInt8Image
+from facadelake.core.arrays import BoolArray, Float64Nx3, Float64x3, UInt8Image
 from facadelake.core.camera import PosedCamera
 from facadelake.core.progress import report_progress
 from facadelake.detection.inference import read_photograph
 from facadelake.registration import compute_tangents
 from facadelake.tracking.second_look.comparison import (
+    SURROUND_MIN_M,
     Comparison,
     Detail,
     PatchGrid,
@@ -101,6 +102,7 @@ class Look:
 class _View:
     photo_id: str
     pixel_m: float
+    whole: bool  # with the surroundings
 
 
 def look_at_places(
@@ -130,7 +132,7 @@ def look_at_places(
 
 
 _Views = tuple[list[_View], list[_View]]
-_Patches = tuple[list[Detail], list[Detail]]
+_Patches = tuple[list[Detail] | None, list[Detail] | None]  # None: no file can be read
 
 
 def _choose_views(
@@ -149,7 +151,12 @@ def _choose_views(
             if not rows:
                 continue
             centres = np.array([requests[row].build_place(campaign_id).xyz_site_m for row in rows])
-            corners = np.stack([_list_corners(requests[row].build_place(campaign_id)) for row in rows])
+            corners = np.stack(
+                [
+                    np.vstack([_list_corners(place, 0.0), _list_corners(place, SURROUND_MIN_M)])
+                    for place in (requests[row].build_place(campaign_id) for row in rows)
+                ]
+            )
             for photo_id, posed in campaign.posed.items():
                 seen = check_visibility(
                     posed,
@@ -162,19 +169,22 @@ def _choose_views(
                 near = np.flatnonzero(seen.visible)
                 if len(near):
                     _, inside = project_points(posed, corners[near].reshape(-1, 3))
-                    for place in near[inside.reshape(len(near), -1).all(axis=1)].tolist():
-                        found[rows[place]][side].append(_View(photo_id=photo_id, pixel_m=float(seen.pixel_m[place])))
+                    corners_inside = inside.reshape(len(near), -1)  # four of the place, four with its surroundings
+                    whole: BoolArray = np.all(corners_inside[:, 4:], axis=1)
+                    for k in np.flatnonzero(corners_inside[:, :4].all(axis=1)).tolist():
+                        view = _View(photo_id=photo_id, pixel_m=float(seen.pixel_m[near[k]]), whole=bool(whole[k]))
+                        found[rows[near[k]]][side].append(view)
     for both in found:
         for one in both:
-            one.sort(key=lambda view: (view.pixel_m, view.photo_id))
+            one.sort(key=lambda view: (not view.whole, view.pixel_m, view.photo_id))
     return found
 
 
-def _list_corners(place: Place) -> Float64Nx3:
-    """Corners (4, 3) of a place's extents in site."""
+def _list_corners(place: Place, margin_m: float) -> Float64Nx3:
+    """Corners (4, 3) in site of a place's extents, with a margin."""
     across, upward = (axis[0] for axis in compute_tangents(place.normal_site[None]))
     signs = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)])
-    half = np.array([place.width_m, place.height_m]) / 2
+    half = np.array([place.width_m, place.height_m]) / 2 + margin_m
     corners: Float64Nx3 = place.xyz_site_m + (signs * half) @ np.stack([across, upward])
     return corners
 
@@ -199,9 +209,9 @@ def _read_patches(
         for side, campaign_id in enumerate((requests[row].seen_campaign, requests[row].campaign_id)):
             best = views[row][side]
             for place, view in enumerate(best[:_VIEWS]):
-                if view.pixel_m <= _COARSER_MAX * best[0].pixel_m:
+                if view.pixel_m <= _COARSER_MAX * min(one.pixel_m for one in best):
                     wanted.setdefault((campaign_id, view.photo_id), []).append((row, side, place))
-    found: dict[tuple[int, int, int], Detail] = {}
+    found: dict[tuple[int, int], dict[int, Detail]] = {}
     for (campaign_id, photo_id), targets in sorted(wanted.items()):
         campaign = campaigns[campaign_id]
         image = _read_grey(campaign.root / photo_id, campaign.posed[photo_id])
@@ -209,12 +219,11 @@ def _read_patches(
             continue
         for row, side, place in targets:
             patch = rectify_patch(image, campaign.posed[photo_id], requests[row].build_place(campaign_id), grids[row])
+            patches = found.setdefault((row, side), {})
             if patch is not None:
-                found[row, side, place] = patch
-    return {
-        row: tuple([found[row, side, n] for n in range(_VIEWS) if (row, side, n) in found] for side in (0, 1))  # type: ignore[misc]
-        for row in grids
-    }
+                patches[place] = patch
+    in_order = {key: [patches[place] for place in sorted(patches)] for key, patches in found.items()}
+    return {row: (in_order.get((row, 0)), in_order.get((row, 1))) for row in grids}
 
 
 def _read_grey(path: Path, posed: PosedCamera) -> UInt8Image | None:
@@ -242,11 +251,14 @@ def _look(
         return report(LookVerdict.NOT_IN_VIEW)
     if grid is None or patches is None:
         return report(LookVerdict.UNDECIDED, f"no photograph of {request.seen_campaign} shows the place as a whole")
-    if not patches[0] or not patches[1]:
-        return report(
-            LookVerdict.NO_PHOTOGRAPH,
-            f"the photographs of {request.campaign_id if patches[0] else request.seen_campaign} cannot be read",
-        )
+    for campaign_id, side in zip((request.seen_campaign, request.campaign_id), patches, strict=True):
+        if side is None:
+            return report(LookVerdict.NO_PHOTOGRAPH, f"the photographs of {campaign_id} cannot be read")
+        if not side:
+            return report(
+                LookVerdict.UNDECIDED, f"no photograph of {campaign_id} shows the place with its surroundings"
+            )
+    assert patches[0] and patches[1]
     found = compare_views(patches[0], patches[1], grid, _ALIGNED_WITHIN_M)
     return Look(
         key=request.key,

@@ -14,6 +14,7 @@ _GONE_DIFFERENCE_MIN, _GONE_LEFT_MAX = 0.5, 0.4
 _FADED_MIN, _FADED_SIGMAS_MIN = 0.3, 4.5
 _OPPOSITE_MAX = 1.3  # of the change away from the wall, over that towards it: beyond it, something grew
 _THIN_FADED_MIN, _THIN_FADED_SIGMAS_MIN = 0.4, 12.0
+_DARKER_SIGMAS_MIN, _FADED_MIN_BESIDE_DARKER = 4.5, 0.5
 _NOT_SAME_FADED_MIN, _NOT_SAME_SIGMAS_MIN = 0.35, 10.0
 _HIDDEN_AROUND_MAX, _HIDDEN_MAX = 0.25, 0.5
 
@@ -47,8 +48,10 @@ def _has_gone(found: Comparison, defect_class: DefectClass) -> bool:
     if found.at_defect < _GONE_MAX and fading.extent >= _FADED_MIN and fading.sigmas >= _FADED_SIGMAS_MIN:
         clear = found.difference >= _GONE_DIFFERENCE_MIN or found.left < _GONE_LEFT_MAX
         return clear or fading.extent >= _THIN_FADED_MIN
+    # A crack that grew may have another line; of one that is gone nothing is darker, or most of it has faded.
+    extent_min = _FADED_MIN_BESIDE_DARKER if fading.opposite_sigmas >= _DARKER_SIGMAS_MIN else _THIN_FADED_MIN
     return (
         defect_class is DefectClass.CRACK
-        and fading.extent >= _THIN_FADED_MIN
+        and fading.extent >= extent_min
         and fading.sigmas >= max(_THIN_FADED_SIGMAS_MIN, fading.opposite_sigmas)
     )
