@@ -21,7 +21,7 @@ from facadelake.tracking.size_change import DefectSizes, summarise_sizes
 from schemas.vocabulary import CrackWidthOutcome, TrendQuantity
 
 # Of the logarithm: what the sightings of one campaign share, by viewpoint and light.
-_SHARED_SIGMA = {TrendQuantity.LENGTH: 0.02, TrendQuantity.AREA: 0.03}
+_SHARED_SIGMA = {TrendQuantity.LENGTH: 0.02, TrendQuantity.AREA: 0.03, TrendQuantity.CRACK_WIDTH: 0.1}
 ORIGIN_COLUMNS = ("origin_lon_deg", "origin_lat_deg", "origin_height_ellipsoidal_m")
 
 
@@ -112,7 +112,10 @@ def _read_sizes(defects: pa.Table, observations: pa.Table) -> dict[TrendQuantity
     usable = measured & (width > 0) & (sigma > 0)
     found[TrendQuantity.CRACK_WIDTH] = DefectSizes(
         log_size=np.log(width, out=np.full(len(width), np.nan), where=usable),
-        sigma=np.divide(sigma, width, out=np.full(len(width), np.nan), where=usable),
+        sigma=np.hypot(
+            np.divide(sigma, width, out=np.full(len(width), np.nan), where=usable),
+            _SHARED_SIGMA[TrendQuantity.CRACK_WIDTH],
+        ),
     )
     return found
 

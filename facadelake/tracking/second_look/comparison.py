@@ -27,6 +27,7 @@ SURROUND_MIN_M = 0.35
 _BORDER = 5  # cells at the border, where the band-pass sees no surroundings
 _REFINED_WITHIN, _REFINED_MIN = 5, 0.8  # cells; correlation at the defect from which the move by it counts
 ALIKE_MIN = 0.85  # correlation at the defect from which it looks the same
+_PARTS, _PART_SHARE_MIN = 4, 0.5  # of the surroundings, along each side
 _DARKEST = 8.0  # added to grey values before the logarithm: noise of the dark is not contrast
 _INSIDE_MIN = 0.9  # share of a patch that a photograph must show
 Detail = NDArray[np.float32]
@@ -163,7 +164,7 @@ def _compare(
     rows, columns = grid.defect.any(axis=1), grid.defect.any(axis=0)
     return Comparison(
         at_defect=_correlate(first.detail[grid.defect], second.detail[grid.defect]),
-        around=_correlate(first.detail[grid.around], second.detail[grid.around]),
+        around=_correlate_around(first.detail, second.detail, grid),
         fading=measure_fading(first.logs, second.logs, grid.defect, grid.around),
         difference=_average_largest(difference[grid.defect]) / contrast,
         left=_average_largest(second.detail[grid.defect]) / contrast,
@@ -243,6 +244,24 @@ def _find_translation(reference: Detail, view: Detail, reach: float) -> tuple[fl
     scores = cv2.matchTemplate(view, reference[cells : height - cells, cells : width - cells], cv2.TM_CCOEFF_NORMED)
     row, column = np.unravel_index(int(np.argmax(scores)), scores.shape)
     return float(scores[row, column]), int(column) - cells, int(row) - cells
+
+
+def _correlate_around(first: Detail, second: Detail, grid: PatchGrid) -> float:
+    """Correlation of the surroundings, or the median of their parts: a repaired neighbour changes some of them."""
+    parts = [
+        (rows, columns)
+        for rows in np.array_split(np.arange(first.shape[0]), _PARTS)
+        for columns in np.array_split(np.arange(first.shape[1]), _PARTS)
+    ]
+    cells = [(np.ix_(*part), grid.around[np.ix_(*part)]) for part in parts]
+    found = [
+        _correlate(first[at][inside], second[at][inside])
+        for at, inside in cells
+        if np.count_nonzero(inside) >= _PART_SHARE_MIN * inside.size
+    ]
+    known = [one for one in found if not np.isnan(one)]
+    whole = _correlate(first[grid.around], second[grid.around])
+    return float(np.fmax(whole, np.median(known))) if known else whole
 
 
 def _average_largest(values: Detail) -> float:

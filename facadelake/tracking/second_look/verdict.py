@@ -16,7 +16,7 @@ _OPPOSITE_MAX = 1.3  # of the change away from the wall, over that towards it: b
 _THIN_FADED_MIN, _THIN_FADED_SIGMAS_MIN = 0.4, 12.0
 _DARKER_SIGMAS_MIN, _FADED_MIN_BESIDE_DARKER = 4.5, 0.5
 _NOT_SAME_FADED_MIN, _NOT_SAME_SIGMAS_MIN = 0.35, 10.0
-_HIDDEN_AROUND_MAX, _HIDDEN_MAX = 0.25, 0.5
+_HIDDEN_AROUND_MAX, _HIDDEN_MAX = 0.3, 0.5
 
 
 def judge_comparison(found: Comparison, defect_class: DefectClass) -> LookVerdict:
