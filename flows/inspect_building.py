@@ -13,6 +13,7 @@ from prefect import flow
 from facadelake.campaigns import AUTO, LATEST, describe_replaced_regrading, plan_inspection
 from facadelake.core.code_version import compute_code_version, require_unchanged_code
 from facadelake.core.errors import FacadelakeError, HistoryOutdatedError
+from facadelake.lake import CommitResult
 from facadelake.registry import CocoDetectorSetting, read_portfolio
 from schemas.vocabulary import SurfaceKind
 from tasks.commit import commit, publish
@@ -29,7 +30,7 @@ from tasks.measure_coverage import measure_coverage
 from tasks.merge import merge_duplicates
 from tasks.reconstruct import reconstruct_block
 from tasks.register import list_registration_warnings, register
-from tasks.track import track
+from tasks.track import TrackedCampaigns, track
 from tasks.validate import validate_tables
 from tasks.verify_model import verify_model
 from tasks.without_model import make_as_built_model, place_building
@@ -134,17 +135,7 @@ def inspect_building(
         integrity=integrity,
         coverage=coverage,
     )
-    for attempts_left in reversed(range(_COMMIT_ATTEMPTS)):
-        tracked = track(job, results)
-        checks = validate_tables(job, results, tracked.stage)
-        require_unchanged_code(__name__)
-        try:
-            committed = commit(job, results, tracked, checks)
-            break
-        except HistoryOutdatedError as error:  # another process committed a campaign of the building meanwhile
-            if not attempts_left:
-                raise
-            log.warning("%s; tracking again", error)
+    tracked, checks, committed = _commit_tracked(job, results)
     warnings += tracked.warnings
     warnings += [describe_replaced_regrading(building, campaign, rules) for rules in committed.regraded_before]
     pictures: StageResult | None = None
@@ -164,3 +155,18 @@ def inspect_building(
         stages=(*results.list_results(), tracked.stage, checks, *([pictures] if pictures else [])),
         warnings=tuple(warnings),
     )
+
+
+def _commit_tracked(job: InspectionJob, results: StageResults) -> tuple[TrackedCampaigns, StageResult, CommitResult]:
+    """Track and commit the campaign, anew where another process has committed one of the building meanwhile."""
+    for attempts_left in reversed(range(_COMMIT_ATTEMPTS)):
+        tracked = track(job, results)
+        checks = validate_tables(job, results, tracked.stage)
+        require_unchanged_code(__name__)
+        try:
+            return tracked, checks, commit(job, results, tracked, checks)
+        except HistoryOutdatedError as error:
+            if not attempts_left:
+                raise
+            log.warning("%s; tracking again", error)
+    raise AssertionError("the last attempt commits or raises")

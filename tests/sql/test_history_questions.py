@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from facadelake.core.errors import InputDataError
+from facadelake.lake.migrate import open_to_write
 from facadelake.lake.questions import answer_question, list_questions, require_known_names
 from tests.sql.small_history import ELEMENT, FIRST, SECOND, THIRD, commit_history
 from tests.unit.lake.small_campaign import BUILDING, commit
@@ -69,6 +70,16 @@ def test_grown_defects_are_ranked_by_their_rate_with_its_sigma(built) -> None:
     assert [row["track"] for row in ask(built, "grown_defects", campaign_id=THIRD)] == [4]
     assert [row["track"] for row in ask(built, "grown_defects", quantity="length_m")] == [1]
     assert len(ask(built, "grown_defects", limit=1)) == 1
+
+
+def test_two_campaigns_of_one_moment_have_no_rate(tmp_path: Path) -> None:
+    commit_history(tmp_path)
+    with open_to_write(tmp_path, 10.0) as connection:
+        connection.execute("UPDATE track_states SET years_since_previous = 0")
+    rows = answer_question(tmp_path, "grown_defects", {"building_id": BUILDING}).to_pylist()
+    assert [row["change"] for row in rows] == [0.06, 0.1]
+    rates = ("per_year", "per_year_sigma", "percent_per_year", "percent_per_year_sigma")
+    assert {row[name] for row in rows for name in rates} == {None}
 
 
 def test_repairs_and_whether_they_held(built) -> None:
@@ -165,18 +176,19 @@ def test_lists_of_defects_name_the_track(built) -> None:
     [
         (
             {"since_campaign": "2025-11"},
-            r"campaign '2025-11' \(did you mean '2025-10'\?\); it has 2025-10, 2026-04, z-2025",
+            "has no campaign '2025-11' (did you mean '2025-10'?); it has 2025-10, 2026-04, z-2025",
         ),
-        ({"building_id": "towr"}, r"no building 'towr' \(did you mean 'tower'\?\)"),
-        ({"building_id": "tower", "to_campaign": "x"}, "no campaign 'x'"),
-        ({"track_id": "tower-0099"}, "no track 'tower-0099'"),
-        ({"track_id": "99"}, "no track '99'"),
+        ({"building_id": "towr"}, "has no building 'towr' (did you mean 'tower'?); it has tower"),
+        ({"building_id": "tower", "to_campaign": "x"}, "has no campaign 'x' of building 'tower'; it has 2025-10, "),
+        ({"track_id": "tower-0099"}, "has no track 'tower-0099'"),
+        ({"track_id": "99"}, "has no track '99'"),
     ],
 )
 def test_an_unknown_name_is_told_and_not_answered_with_no_rows(built, given: dict[str, str], told: str) -> None:
     """No rows would read as 'nothing is new'."""
-    with pytest.raises(InputDataError, match=told):
+    with pytest.raises(InputDataError) as raised:
         require_known_names(built[0], given)
+    assert str(raised.value).startswith(f"the lake {built[0]} {told}")
 
 
 def test_known_names_are_accepted(built) -> None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,6 +23,9 @@ from facadelake.lake import TrackedHistory, append_reviews, commit_campaign
 from facadelake.severity import find_rule_file
 from facadelake.tracking import build_history_tables, link_history, list_look_requests, look_at_places
 from schemas.tables import LAKE_TABLES
+from tasks.job import StageResult
+from tasks.stage import Counts
+from tasks.track import track_campaigns
 from tests.unit.lake.small_campaign import BUILDING, HEIGHT, LAT, LON, lake_tables, rows
 
 SPRING, AUTUMN, NEXT = (datetime(y, m, 14, 9, 0, tzinfo=UTC) for y, m in ((2026, 4), (2026, 10), (2027, 4)))
@@ -97,6 +103,15 @@ def commit(
     return commit_tables(lake, campaign_id, run_id, build_tables(campaign_id, start, run_id, **changed))
 
 
+def make_stage(make: Callable[[Path], Counts], folder: Path) -> StageResult:
+    """A stage that is run outside a flow."""
+    folder.mkdir()
+    counts = tuple(make(folder).items())
+    return StageResult(
+        stage="track", key="k", folder=folder, content_sha256="0", hit=False, seconds=0.0, peak_mib=0.0, counts=counts
+    )
+
+
 def read_states(made: dict[str, pa.Table]) -> dict[tuple[str, str], str]:
     return {(row["track_id"], row["campaign_id"]): row["track_state"] for row in list_rows(made["track_states"])}
 
@@ -155,15 +170,18 @@ def test_a_model_with_new_global_ids_keeps_the_tracks_and_attribution_follows(tm
     _, made = track(tmp_path, tables)
     assert set(made["tracks"].column("track_id").to_pylist()) == {f"tower-000{k}" for k in (1, 2, 3)}
     assert set(made["tracks"].column("element_guid").to_pylist()) == {"0NewGlobalIdOfTheWall0"}
-    remarks = [row["state_remark"] for row in list_rows(made["track_states"]) if row["campaign_id"] == "2026-10"]
-    assert all("3vB2YO$MX4xv5uCqZZG05x" in remark for remark in remarks)
+    remarks = {row["state_remark"] for row in list_rows(made["track_states"]) if row["campaign_id"] == "2026-10"}
+    assert remarks == {"attributed to element 0NewGlobalIdOfTheWall0, in 2026-04 to 3vB2YO$MX4xv5uCqZZG05x"}
 
 
 def test_campaigns_follow_their_photographs_times_and_contradicting_ids_are_told(tmp_path: Path) -> None:
     commit(tmp_path, "2026-04", AUTUMN)
     commit(tmp_path, "2026-10", SPRING)
     history, made = track(tmp_path)
-    assert any("2026-10 was flown on 2026-04-14, before 2026-04" in remark for remark in history.remarks)
+    assert history.remarks == (
+        "campaign 2026-10 was flown on 2026-04-14, before 2026-04 (2026-10-14), though its id is later: the history "
+        "follows the photographs' times; correct the camera's clock or the campaign's name",
+    )
     assert set(made["tracks"].column("first_campaign").to_pylist()) == {"2026-10"}
 
 
@@ -171,21 +189,30 @@ def test_two_campaigns_of_one_day_have_no_rates_and_it_is_told(tmp_path: Path) -
     commit(tmp_path, "2026-04a", SPRING)
     made = commit(tmp_path, "2026-04b", SPRING.replace(hour=15))
     history, _ = track(tmp_path)
-    assert any("are of one day" in remark for remark in history.remarks)
-    remarks = [row["state_remark"] for row in list_rows(made["track_states"]) if row["campaign_id"] == "2026-04b"]
-    assert all("less than a day" in remark for remark in remarks)
+    assert history.remarks == (
+        "campaigns 2026-04a and 2026-04b are of one day (2026-04-14): their order is that of their first photographs, "
+        "and changes between them have no rate",
+    )
+    remarks = {row["state_remark"] for row in list_rows(made["track_states"]) if row["campaign_id"] == "2026-04b"}
+    assert remarks == {"less than a day after the detection before: a rate would say nothing"}
 
 
 def test_a_campaign_without_times_is_ordered_by_its_id_or_refused(tmp_path: Path) -> None:
     commit(tmp_path, "2026-10", AUTUMN)
     made = commit(tmp_path, "2025-10", None)
     (told,) = (row["detail"] for row in list_rows(made["frame_offsets"]) if row["campaign_id"] == "2025-10")
-    assert "2025-10-01 is taken from the id" in told
-    with pytest.raises(InputDataError, match="its id does not begin with a date"):
+    assert "no photograph has a capture time: 2025-10-01 is taken from the id 2025-10" in told
+    with pytest.raises(InputDataError) as raised:
         commit(tmp_path, "after-the-storm", None)
+    assert str(raised.value) == (
+        "no photograph of campaign after-the-storm has a capture time, and its id does not begin with a date such as "
+        "2026-04: its place in the building's history is unknown; rename the campaign's folder"
+    )
 
 
-def test_a_frame_that_jumped_is_refused_by_name_and_the_others_go_on(tmp_path: Path) -> None:
+def test_a_frame_that_jumped_is_refused_by_name_and_the_others_go_on(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     def place(name: str, start: datetime, shift_m: float) -> dict[str, pa.Table]:
         """Twelve defects at irregular places, one sigma of 1 cm, all shifted."""
         tables = build_tables(name, start, "r1", defects=12)
@@ -199,7 +226,19 @@ def test_a_frame_that_jumped_is_refused_by_name_and_the_others_go_on(tmp_path: P
     made = commit_tables(tmp_path, "2026-10", "r1", place("2026-10", AUTUMN, 0.5))
     (refused,) = (row for row in list_rows(made["frame_offsets"]) if row["campaign_id"] == "2026-10")
     assert refused["offset_outcome"] == "refused" and abs(refused["offset_east_m"] - 0.5) < 0.02
-    assert "inspect that campaign, or the one before, with other control" in refused["detail"]
+    distance_m, limit_m = (float(number) for number in re.findall(r"(\d+\.\d+) m", refused["detail"]))
+    assert abs(distance_m - 0.5) < 0.02 and limit_m < 0.25
+    monkeypatch.setattr("tasks.track.read_building", lambda folder: MODEL)
+    monkeypatch.setattr("tasks.track._look", lambda *_: {})
+    monkeypatch.setattr("tasks.track.run_stage", lambda *_, make, **__: make_stage(make, tmp_path / "stage"))
+    job: Any = SimpleNamespace(building=SimpleNamespace(id=BUILDING, severity_rules="extent_v1"))
+    history = read_history(tmp_path, BUILDING, MODEL, None)
+    tracked = track_campaigns(job, make_stage(lambda _: {}, tmp_path / "model"), history)
+    assert tracked.warnings == (
+        "campaign 2026-10 is not part of the building's history: 12 defects agree that the positions of 2026-10 are "
+        f"{distance_m:.2f} m off those of the campaigns before; the georeferencing of both admits {limit_m:.2f} m. "
+        "Its defects are not matched: inspect that campaign, or the one before, with other control",
+    )
     assert {row["campaign_id"] for row in list_rows(made["track_states"])} == {"2026-04"}
     _, made = track(tmp_path, place("2027-04", NEXT, 0.0))
     assert {row["campaign_id"] for row in list_rows(made["track_states"])} == {"2026-04", "2027-04"}
@@ -212,7 +251,7 @@ def test_defects_of_a_facade_that_was_torn_down_are_not_imaged_and_it_is_told(tm
     _, made = track(tmp_path, tables, build_wall(MODEL.elements, top_m=1.0))  # the defects are at 3 m
     states = [row for row in list_rows(made["track_states"]) if row["campaign_id"] == "2026-10"]
     assert {row["track_state"] for row in states} == {"not_imaged"}
-    assert all("no surface within 0.5 m" in row["state_remark"] for row in states)
+    assert {row["state_remark"] for row in states} == {"the building's model has no surface within 0.5 m"}
 
 
 def test_the_word_of_a_person_is_kept_by_later_runs(tmp_path: Path) -> None:

@@ -57,8 +57,12 @@ def test_what_is_unknown_is_told(lake: Path, tmp_path: Path) -> None:
     with pytest.raises(InputDataError, match=r"at version 8 no tracks of building 'tower'.*'facadelake track tower'"):
         list_lines(lake, as_of=8)  # before the history was written
     commit(tmp_path, defects=1)
-    with pytest.raises(InputDataError, match="has no tracks of building 'tower'"):
+    with pytest.raises(InputDataError) as raised:
         list_lines(tmp_path)
+    assert str(raised.value) == (
+        f"the lake {tmp_path} has no tracks of building 'tower': its campaigns were committed without a history; "
+        "'facadelake track tower' makes it"
+    )
 
 
 def test_defects_name_their_track_where_there_is_a_history(lake: Path, tmp_path: Path) -> None:
@@ -98,31 +102,33 @@ def test_a_review_is_appended_once_and_changes_nothing_else(copied: Path) -> Non
 @pytest.mark.parametrize(
     ("track", "campaign", "state", "reviewer", "told"),
     [
-        ("tower-0099", THIRD, "seen", "A", r"no track 'tower-0099' .*; it has tower-0001, tower-0002"),
         (
-            "tower-0004",
-            "2026-05",
-            "seen",
-            "A",
-            r"no campaign '2026-05' of building 'tower' .*; it has 2025-10, 2026-04",
+            "tower-0099", THIRD, "seen", "A",
+            "no track 'tower-0099' (did you mean 'tower-0008'?); it has tower-0001, tower-0002",
         ),
         (
-            "tower-0004",
-            THIRD,
-            "vanished",
-            "A",
-            r"no state 'vanished'; there are new, first_seen, seen, grown, shrunk, ",
+            "tower-0004", "2026-05", "seen", "A",
+            "no campaign '2026-05' of building 'tower' (did you mean '2026-04'?); it has 2025-10, 2026-04",
+        ),
+        (
+            "tower-0004", THIRD, "vanished", "A",
+            "there is no state 'vanished'; there are new, first_seen, seen, grown, shrunk, ",
         ),
         ("tower-0004", THIRD, "seen", " ", "needs the reviewer's name"),
-        ("tower-0008", THIRD, "seen", "A", "tower-0008 is withdrawn: no campaign in the lake has the defect"),
+        (
+            "tower-0008", THIRD, "seen", "A",
+            "track tower-0008 is withdrawn: no campaign in the lake has the defect any more, so that its state cannot "
+            "be reviewed; 'facadelake tracks' lists the others",
+        ),
         ("4", THIRD, "seen", "A", "give the whole id, such as castle-0042"),
     ],
-)
+)  # fmt: skip
 def test_a_review_of_something_unknown_is_refused(
     lake: Path, track: str, campaign: str, state: str, reviewer: str, told: str
 ) -> None:
-    with pytest.raises(InputDataError, match=told):
+    with pytest.raises(InputDataError) as raised:
         review_track(lake, track, campaign, state, reviewer=reviewer)
+    assert told in str(raised.value)
     assert len(read_table(lake, "track_reviews")) == 0
 
 

@@ -61,16 +61,29 @@ def test_a_time_is_the_last_version_committed_until_then(lake: tuple[Path, int, 
     assert len(read_table(folder, "campaigns", as_of=versions[which])) == which + 1
 
 
-@pytest.mark.parametrize("text", ["2026-05-04T11:59:59", "2026-05-03", "2026-05-04T13:00+02:00"])
-def test_there_was_no_version_before_the_first(lake: tuple[Path, int, int], text: str) -> None:
-    with pytest.raises(InputDataError, match=r"had no version at .*; its first is \d+, of 2026-05-04 12:00:00 UTC"):
-        resolve_version(lake[0], text)
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("2026-05-04T11:59:59", "had no version at 2026-05-04T11:59:59 (2026-05-04 11:59:59 UTC); its first is "),
+        ("2026-05-03", "had no version at 2026-05-03 (2026-05-03 23:59:59 UTC); its first is "),
+        ("2026-05-04T13:00+02:00", "had no version at 2026-05-04T13:00+02:00 (2026-05-04 11:00:00 UTC); its first is "),
+    ],
+)
+def test_there_was_no_version_before_the_first(lake: tuple[Path, int, int], text: str, told: str) -> None:
+    folder, first, _ = lake
+    with pytest.raises(InputDataError) as raised:
+        resolve_version(folder, text)
+    assert str(raised.value) == f"the lake {folder} {told}{first}, of 2026-05-04 12:00:00 UTC"
 
 
 @pytest.mark.parametrize("text", ["2026-04", "2026-W19", "2026-02-30", "20260504T12", "yesterday", "-1", "1.5", ""])
 def test_what_is_neither_a_number_nor_a_time_is_refused(lake: tuple[Path, int, int], text: str) -> None:
-    with pytest.raises(InputDataError, match="is no version and no time; give a version such as 12, a date such as"):
+    with pytest.raises(InputDataError) as raised:
         resolve_version(lake[0], text)
+    assert str(raised.value) == (
+        f"'{text}' is no version and no time; give a version such as 12, a date such as 2026-04-30 (its end, UTC), or "
+        "a time such as 2026-04-30T14:30 (UTC) or 2026-04-30T14:30+02:00"
+    )
 
 
 def test_a_number_is_that_version(lake: tuple[Path, int, int]) -> None:
@@ -81,8 +94,13 @@ def test_a_number_is_that_version(lake: tuple[Path, int, int]) -> None:
 def test_a_clock_that_was_wrong_is_told(tmp_path: Path) -> None:
     first, second = (commit(tmp_path, campaign_id=name, defects=1).version for name in ("2026-04", "2026-10"))
     set_times(tmp_path, {first: DAY + timedelta(days=1), second: DAY})
-    with pytest.raises(InputDataError, match=r"cannot be said: version .* so a clock was wrong; give the version by"):
+    with pytest.raises(InputDataError) as raised:
         resolve_version(tmp_path, "2026-05-04")
+    assert str(raised.value) == (
+        f"which version the lake {tmp_path} had at 2026-05-04 cannot be said: version {first} is of "
+        f"2026-05-05 00:00:00 UTC and the later version {second} of 2026-05-04 00:00:00 UTC, so a clock was wrong; "
+        "give the version by its number"
+    )
     assert resolve_version(tmp_path, "2026-05-05") == second
 
 

@@ -46,8 +46,12 @@ def test_a_campaign_and_its_history_are_one_version(tmp_path: Path) -> None:
 
 def test_a_history_of_other_campaigns_or_tracks_is_refused_and_nothing_is_written(tmp_path: Path) -> None:
     commit_with(tmp_path, track())
-    with pytest.raises(HistoryOutdatedError, match="another process has committed meanwhile"):
+    with pytest.raises(HistoryOutdatedError) as raised:
         commit_with(tmp_path, track(frozenset(), "run-2"), "run-2", note="b")  # did not know of the tracks
+    assert str(raised.value) == (
+        "the lake has other campaigns or tracks of tower than when it was tracked: another process has committed "
+        "meanwhile; nothing was written, run again"
+    )
     assert read_table(tmp_path, "runs").column("run_id").to_pylist() == ["run-1"]
     commit(tmp_path, campaign_id="2027-04", run_id="run-3")
     with pytest.raises(HistoryOutdatedError):

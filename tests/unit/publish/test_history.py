@@ -103,7 +103,10 @@ def test_every_state_has_a_symbol_of_its_own(geometry_type: str) -> None:
 
 def test_a_release_without_a_history_says_so(releases: dict[str, Path]) -> None:
     before, after = ((releases[name] / "README.txt").read_text() for name in ("before", "after"))
-    assert "HISTORY\nnone: the building's defects had not been followed" in before
+    assert (
+        "HISTORY\nnone: the building's defects had not been followed over its campaigns in this version of the lake "
+        "('facadelake track')"
+    ) in before
     assert not list(releases["before"].glob("*history*")) + list(releases["before"].glob("tracks*"))
     names = [str(name) for name, _ in pyogrio.list_layers(releases["before"] / "defects.gpkg")]
     assert not [name for name in names if name.startswith(("track", "layer_styles"))]

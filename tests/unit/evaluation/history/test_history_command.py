@@ -21,14 +21,16 @@ from facadelake.tracking import link_history, list_look_requests
 from schemas.vocabulary import SurfaceKind
 
 TOWER = cast(Building, SimpleNamespace(id="tower", surface_kind=SurfaceKind.IFC))
+ALL = "--history evaluates all campaigns of the lake as it is, with their committed detections: leave out "
+ELSEWHERE = "; other detections are inspected into a lake of their own"
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["evaluate", "tower", "2026-04", "--history"], "leave out CAMPAIGN; other detections"),
-        (["evaluate", "tower", "--history", "--detections", "noisy"], "leave out --detections; other"),
-        (["evaluate", "tower", "2026-04", "--history", "--as-of", "3"], "leave out CAMPAIGN and --as-of; other"),
+        (["evaluate", "tower", "2026-04", "--history"], f"{ALL}CAMPAIGN{ELSEWHERE}"),
+        (["evaluate", "tower", "--history", "--detections", "noisy"], f"{ALL}--detections{ELSEWHERE}"),
+        (["evaluate", "tower", "2026-04", "--history", "--as-of", "3"], f"{ALL}CAMPAIGN and --as-of{ELSEWHERE}"),
         (["evaluate", "tower"], "name a campaign of tower, or evaluate all of them with --history"),
     ],
 )
@@ -39,8 +41,9 @@ def test_what_the_command_is_asked_must_be_clear(tmp_path: Path, words: list[str
         "   detector: {kind: coco, file: boxes.json}}\n"
     )
     options = ["--truth", str(tmp_path), "--portfolio", str(portfolio), "--lake", str(tmp_path)]
-    with pytest.raises(InputDataError, match=message):
+    with pytest.raises(InputDataError) as raised:
         CliRunner().invoke(app, [*words, *options], catch_exceptions=False)
+    assert str(raised.value) == message
 
 
 def make_lake(monkeypatch: pytest.MonkeyPatch, history: SyntheticHistory, *, detector: str, file: str) -> HistoryTruth:
@@ -96,8 +99,12 @@ def test_a_lake_is_compared_by_annotations(monkeypatch: pytest.MonkeyPatch, tmp_
 
 def test_detections_that_truth_cannot_identify(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     make_lake(monkeypatch, HISTORY, detector="model.onnx", file="boxes.json")
-    with pytest.raises(InputDataError, match="are those of a model: truth identifies the boxes of a file"):
+    with pytest.raises(InputDataError) as raised:
         compare_history(TOWER, lake=tmp_path, truth=tmp_path)
+    assert str(raised.value) == (
+        f"the detections of {HISTORY.campaigns[0]} are those of a model: truth identifies the boxes of a file; inspect "
+        "the campaign with 'facadelake inspect ... --detections'"
+    )
     make_lake(monkeypatch, HISTORY, detector="coco:other.json", file="boxes.json")
     with pytest.raises(InputDataError, match=r"no line for 'other.json'"):
         compare_history(TOWER, lake=tmp_path, truth=tmp_path)
@@ -112,8 +119,12 @@ def test_truth_of_other_campaigns(
         defects={first: content.defects[first]}, true_id_of_annotation=content.true_id_of_annotation, path=content.path
     )
     monkeypatch.setattr(evaluate, "read_history_truth", lambda folder: less)
-    with pytest.raises(InputDataError, match=f"has no truth of {', '.join(others)}, which the lake holds of tower"):
+    with pytest.raises(InputDataError) as raised:
         compare_history(TOWER, lake=tmp_path, truth=tmp_path)
+    assert str(raised.value) == (
+        f"{tmp_path} has no truth of {', '.join(others)}, which the lake holds of tower (truth has {first}); give the "
+        "truth of this building's campaigns"
+    )
     more = HistoryTruth(
         defects={**content.defects, "2099-01": content.defects[first]},
         true_id_of_annotation=content.true_id_of_annotation,
@@ -130,5 +141,9 @@ def test_a_lake_without_tracks(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) 
     empty = {name: table_from_rows(name, []) for name in ("detections", "observations", "track_states")}
     monkeypatch.setattr(evaluate, "has_lake", lambda lake: True)
     monkeypatch.setattr(evaluate, "read_tables", lambda lake, names, building_id: cast(Any, empty))
-    with pytest.raises(StoreError, match="has no tracks of tower"):
+    with pytest.raises(StoreError) as raised:
         evaluate._read_tables(tmp_path, TOWER)
+    assert str(raised.value) == (
+        f"the lake {tmp_path} has no tracks of tower; inspect a campaign of it with this version, or see "
+        "'facadelake campaigns'"
+    )

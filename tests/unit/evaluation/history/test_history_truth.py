@@ -83,8 +83,12 @@ def test_truth_of_the_demo(tmp_path: Path) -> None:
 def test_stated_states_that_the_other_columns_contradict(tmp_path: Path) -> None:
     truth = read_history_truth(write_demo(tmp_path))
     history = [truth.defects[campaign][0] for campaign in truth.defects]
-    with pytest.raises(InputDataError, match=r"'seen' of D1 in 2026, but by its other columns .* it is grown"):
+    with pytest.raises(InputDataError) as raised:
         check_stated_states([history[0], replace(history[1], stated=TrackState.SEEN)])
+    assert str(raised.value) == (
+        "truth states 'seen' of D1 in 2026, but by its other columns (exists, imaged, size, in all campaigns until "
+        "then) it is grown; correct one of them"
+    )
 
 
 PAIR_HEADER = "id,class,state,width_m,height_m,photographs_2026-04,photographs_2026-10"
@@ -134,12 +138,22 @@ def test_invalid_truth_is_told_with_its_line(tmp_path: Path, row: str, message: 
 
 
 def test_a_folder_without_truth_of_a_history(tmp_path: Path) -> None:
-    with pytest.raises(InputDataError, match="has no truth of a history: truth of a history is either"):
+    with pytest.raises(InputDataError) as raised:
         read_history_truth(tmp_path)
+    assert str(raised.value) == (
+        f"{tmp_path} has no truth of a history: truth of a history is either a folder with "
+        "campaigns/CAMPAIGN/truth/defects.csv and detections.csv (as that of the demo), or one with defects.csv and "
+        "detections.csv of a pair of campaigns (columns state, photographs_CAMPAIGN; campaign)"
+    )
 
 
 def test_campaigns_must_list_the_same_defects(tmp_path: Path) -> None:
     folder = write_demo(tmp_path)
     write(folder / "campaigns" / "2026" / "truth" / "defects.csv", DEMO_HEADER, "D1,crack,grown,grown,0.6,0.8,4,grown")
-    with pytest.raises(InputDataError, match="in one alone: D2"):
+    with pytest.raises(InputDataError) as raised:
         read_history_truth(folder)
+    files = [folder / "campaigns" / campaign / "truth" / "defects.csv" for campaign in ("2026", "2025")]
+    assert str(raised.value) == (
+        f"{files[0]} and {files[1]} do not list the same defects in one order (in one alone: D2); list every defect in "
+        "every campaign, with its state"
+    )

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from facadelake.core.errors import InputDataError
+from facadelake.reporting.history import explanation
 from facadelake.reporting.history.explanation import explain_rows, explain_track
 from facadelake.reporting.history.findings import Finding
 from tests.unit.reporting.history.painted_history import History
@@ -86,3 +87,14 @@ def test_a_trend_is_told_with_its_interval_and_the_next_limit() -> None:
 def test_without_a_lake_the_error_says_what_to_do(tmp_path: Path) -> None:
     with pytest.raises(InputDataError, match="there is no lake"):
         explain_track(tmp_path, "wall-0001", as_of=None)
+
+
+def test_an_unknown_track_is_told_with_the_likeliest_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(explanation, "has_lake", lambda lake: True)
+    monkeypatch.setattr(explanation, "read_tables", lambda *_, **__: make_history().tables)
+    with pytest.raises(InputDataError) as raised:
+        explain_track(tmp_path, "wall-001", as_of=None)
+    assert str(raised.value) == (
+        "there is no track 'wall-001' (did you mean 'wall-0001'?); an id is the building and a number, such as "
+        "castle-0042, as 'facadelake compare' lists them"
+    )
