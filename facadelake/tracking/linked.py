@@ -26,6 +26,8 @@ TESTED = {
     DefectClass.SPALLING: (TrendQuantity.AREA,),
     DefectClass.MOISTURE: (TrendQuantity.AREA,),
 }
+# What is told of a change: the area of a crack is that of its box.
+SHOWN = {name: (*tested, TrendQuantity.LENGTH) for name, tested in TESTED.items()}
 _COVERED_MIN = 0.7  # share of a defect's extents that another one covers, of which it is then a part
 _COVERED_DEPTH_M = 0.3
 
@@ -204,7 +206,7 @@ def _compare_detections(
                     significant=(k, quantity) in significant,
                 )
                 for quantity, change in compared.items()
-                if np.isfinite(change.log_change[k])
+                if np.isfinite(change.log_change[k]) and quantity in SHOWN[classes[k]]
             }
     return changes, scales
 
@@ -212,16 +214,28 @@ def _compare_detections(
 def _gather_sizes(
     campaigns: Sequence[CampaignRecords], found: Sequence[ChainDefect], quantity: TrendQuantity
 ) -> tuple[Float64N, Float64N, Float64N, Float64N]:
-    """Logarithms and sigmas before and after of one quantity, as ``compare_sizes`` takes them."""
+    """Logarithms and sigmas before and after of one quantity, as ``compare_sizes`` takes them.
+
+    Of a defect that has changed its class, the size before is NaN: a crack has no area to compare with a spall's.
+    """
+    kept = [
+        _get_class(campaigns, one.campaign, one.row) == _get_class(campaigns, *one.previous)
+        for one in found
+        if one.previous is not None
+    ]
     before = [campaigns[one.previous[0]].sizes[quantity] for one in found if one.previous is not None]
     rows = [one.previous[1] for one in found if one.previous is not None]
     after = [campaigns[one.campaign].sizes[quantity] for one in found]
     return (
-        np.array([sizes.log_size[row] for sizes, row in zip(before, rows, strict=True)]),
+        np.where(kept, [sizes.log_size[row] for sizes, row in zip(before, rows, strict=True)], np.nan),
         np.array([sizes.sigma[row] for sizes, row in zip(before, rows, strict=True)]),
         np.array([sizes.log_size[one.row] for sizes, one in zip(after, found, strict=True)]),
         np.array([sizes.sigma[one.row] for sizes, one in zip(after, found, strict=True)]),
     )
+
+
+def _get_class(campaigns: Sequence[CampaignRecords], campaign: int, row: int) -> int:
+    return int(campaigns[campaign].tracked.defects.defect_class[row])
 
 
 def _relate(

@@ -77,6 +77,8 @@ def decide_states(campaigns: Sequence[str], known: TrackEvidence) -> list[StateI
         elif presence[k] is False:
             break
     reviews = known.reviews or {}
+    # What a person has seen before that counts, too: the place was then repaired in between.
+    begin = min([begin, *(k for k in range(first) if campaigns[k] in reviews and presence[k])])
     states: list[StateInCampaign] = []
     repaired = False
     for k in range(begin, len(campaigns)):
@@ -93,7 +95,8 @@ def decide_states(campaigns: Sequence[str], known: TrackEvidence) -> list[StateI
         states.append(
             StateInCampaign(
                 campaign_id=campaign,
-                state=reviews.get(campaign, state),
+                # Who calls a defect seen, that was repaired before, says that the repair did not hold.
+                state=state if state is TrackState.REOPENED and presence[k] else reviews.get(campaign, state),
                 evidence=_name_evidence(campaign, known),
                 present=presence[k],
             )

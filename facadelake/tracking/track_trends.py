@@ -42,6 +42,12 @@ def _choose_trend(history: LinkedHistory, chain: int) -> _ChainTrend | None:
     sightings = [history.sightings[chain][k] for k in sorted(history.sightings[chain])]
     last = history.campaigns[sightings[-1].campaign].tracked.defects
     name = DefectClass(CLASSES[last.defect_class[sightings[-1].row]])
+    # A crack that has spalled has its trend as a spall.
+    sightings = [
+        one
+        for one in sightings
+        if history.campaigns[one.campaign].tracked.defects.defect_class[one.row] == CLASSES.index(name)
+    ]
     year = np.array([(history.campaigns[one.campaign].tracked.captured_at - _EPOCH) / YEAR for one in sightings])
     trends = []
     for quantity in TESTED[name]:

@@ -269,3 +269,17 @@ def test_the_word_of_a_person_is_kept_by_later_runs(tmp_path: Path) -> None:
     assert states["tower-0003", "2027-04"] == "reopened"
     (reviewed,) = (row for row in list_rows(made["track_states"]) if row["state_evidence"] == "review")
     assert reviewed["reviewer"] == "M. Weber"
+
+
+def test_a_crack_that_spalled_keeps_its_track_and_has_no_change_of_size(tmp_path: Path) -> None:
+    commit(tmp_path, "2026-04", SPRING)
+    tables = build_tables("2026-10", AUTUMN, "r1")
+    tables["defects"] = set_column(tables["defects"], "defect_class", ["spalling", "spalling", "moisture"])
+    _, made = track(tmp_path, tables)
+    (relation,) = list_rows(made["track_relations"])
+    assert (relation["track_id"], relation["track_relation"]) == ("tower-0001", "class_changed")
+    assert relation["detail"] == "crack in 2026-04, spalling since"
+    changes = {
+        row["track_id"]: row["area_change_m2"] for row in list_rows(made["track_states"]) if row["previous_campaign"]
+    }
+    assert changes["tower-0001"] is None and changes["tower-0002"] == pytest.approx(0.0)

@@ -74,3 +74,14 @@ def test_the_word_of_a_person_overrides_and_later_states_follow_it() -> None:
     assert (found["c"].state, found["d"].state) == ("reopened", "seen")
     denied = states({"a": 0, "c": 0}, {"b": LookVerdict.GONE}, reviews={"b": TrackState.NOT_FOUND})
     assert (denied["b"], denied["c"]) == ("not_found", "seen")
+
+
+def test_a_repaired_defect_that_a_person_sees_is_reopened() -> None:
+    looks = {"b": LookVerdict.GONE, "c": LookVerdict.GONE}
+    assert states({"a": 0}, looks, reviews={"c": TrackState.SEEN})["c"] == "reopened"
+
+
+def test_what_a_person_saw_before_the_first_detection_counts() -> None:
+    looks = {"a": LookVerdict.NOT_IN_VIEW, "b": LookVerdict.GONE}
+    found = states({"c": 0}, looks, reviews={"a": TrackState.SEEN})
+    assert (found["a"], found["b"], found["c"]) == ("seen", "repaired", "reopened")
