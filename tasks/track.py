@@ -12,7 +12,13 @@ from prefect import task
 
 from facadelake.building import read_building
 from facadelake.building.surface import Surface
-from facadelake.campaigns import BuildingHistory, collect_campaign_views, find_same_run, read_history
+from facadelake.campaigns import (
+    BuildingHistory,
+    collect_campaign_views,
+    count_photographs,
+    find_same_run,
+    read_history,
+)
 from facadelake.core.errors import InputDataError
 from facadelake.core.hashing import compute_key, hash_file
 from facadelake.core.progress import report_progress
@@ -135,7 +141,7 @@ def _look(
     by_pair: dict[tuple[str, str], list[LookRequest]] = {}
     for request in requests:
         by_pair.setdefault((request.seen_campaign, request.campaign_id), []).append(request)
-    runs = {one.campaign_id: one.inputs_sha256 for one in history.records}
+    runs = {one.campaign_id: [one.inputs_sha256, count_photographs(one)] for one in history.records}
     found = {}
     for (seen, other), wanted in sorted(by_pair.items()):
 
@@ -145,7 +151,10 @@ def _look(
             write_look_files(looks, folder)
             return Counter(look.verdict for look in looks)
 
-        inputs = {"campaigns": [[seen, runs[seen]], [other, runs[other]]], "places": [_describe(one) for one in wanted]}
+        inputs = {
+            "campaigns": [[seen, *runs[seen]], [other, *runs[other]]],
+            "places": [_describe(one) for one in wanted],
+        }
         found[f"{seen} in {other}"] = run_stage(job, "look", reads={"model": model}, inputs=inputs, make=make)
     return found
 

@@ -3,6 +3,7 @@ from .committed import read_committed_tables as read_committed_tables
 from .grids import check_grids as check_grids
 from .history import BuildingHistory as BuildingHistory
 from .history import collect_campaign_views as collect_campaign_views
+from .history import count_photographs as count_photographs
 from .history import find_capture_time as find_capture_time
 from .history import find_same_run as find_same_run
 from .history import read_history as read_history

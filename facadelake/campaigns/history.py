@@ -84,6 +84,11 @@ def collect_campaign_views(history: BuildingHistory, requests: Sequence[LookRequ
     }
 
 
+def count_photographs(record: CampaignRecords) -> int:
+    """Files of a campaign's photographs with a pose that are there: a look is made anew where they come back."""
+    return sum((record.root / photo_id).is_file() for photo_id in record.posed)
+
+
 def _read_lake(lake: Path, building_id: str) -> dict[str, pa.Table]:
     names = (*_READ, *_KNOWN)
     if not has_lake(lake):

@@ -14,6 +14,10 @@ from facadelake.lake import AppendResult, append_reviews, query, read_tables, re
 from schemas.tables import LAKE_TABLES
 from schemas.vocabulary import TrackState
 
+_BEGINNINGS = frozenset({TrackState.NEW, TrackState.FIRST_SEEN})
+# What cannot be said of a track where its history begins.
+_LATER = frozenset({TrackState.GROWN, TrackState.SHRUNK, TrackState.REPAIRED, TrackState.REOPENED})
+
 
 @dataclass(frozen=True, kw_only=True)
 class TrackReviewResult:
@@ -41,7 +45,8 @@ def review_track(
         The review.
 
     Raises:
-        InputDataError: The track, the campaign or the state is unknown, the track is withdrawn, or the name is empty.
+        InputDataError: The track, the campaign or the state is unknown, the track is withdrawn, the name is empty, or
+            the track cannot have the state in that campaign.
         StoreError: The lake cannot be read or written.
     """
     if not reviewer.strip():
@@ -55,6 +60,7 @@ def review_track(
     require_known_names(lake, {"building_id": building_id, "campaign_id": campaign_id})
     tables = read_tables(lake, ["runs", "track_states"], building_id=building_id, campaign_id=campaign_id)
     before = [row["track_state"] for row in list_rows(tables["track_states"]) if row["track_id"] == track_id]
+    _require_possible(track_id, campaign_id, TrackState(state), TrackState(before[0]) if before else None)
     row: Row = {
         "building_id": building_id,
         "campaign_id": campaign_id,
@@ -71,6 +77,20 @@ def review_track(
     return TrackReviewResult(
         building_id=building_id, state_before=TrackState(before[0]) if before else None, added=added
     )
+
+
+def _require_possible(track_id: str, campaign_id: str, state: TrackState, before: TrackState | None) -> None:
+    """Require that a track can have a state in a campaign: a history begins once, and what is gone was there before."""
+    begins = before is None or before in _BEGINNINGS
+    possible = set(TrackState) - (_LATER if begins else _BEGINNINGS)
+    if state not in possible:
+        place = "the first campaign" if before is not None else "a campaign before the first"
+        raise InputDataError(
+            f"track {track_id} cannot be {state} in {campaign_id}, "
+            f"{f'{place} of its history' if begins else 'which is not the first campaign of its history'}; possible "
+            f"are {', '.join(one for one in TrackState if one in possible)}. A wrong detection is rejected by a review "
+            "of the campaign's detections ('facadelake review')"
+        )
 
 
 def _find_building(lake: Path, track_id: str) -> str:

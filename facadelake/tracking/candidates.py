@@ -31,10 +31,9 @@ _LOG_SIZE_SIGMA, _LOG_GROWTH_SIGMA, _GROWN_SHARE = 0.15, 0.5, 0.25  # of the sam
 class CandidatePairs:
     """Pairs (k): rows ``known`` and ``found``; ``displacement_m`` (k, 3): found minus known, without the offset.
 
-    ``mahalanobis`` (k,): distance on the surface in proportion to its covariance.
-
-    ``log_ratio`` (k,): log of the density of this displacement, class and size for one defect, over that of two
-    unrelated ones of which there are one in a square metre.
+    ``mahalanobis`` (k,): distance on the surface in proportion to its covariance. ``log_ratio`` (k,): log of the
+    density of this displacement, class and size for one defect, over that of two unrelated ones of which there are one
+    in a square metre.
     """
 
     known: RowIndices

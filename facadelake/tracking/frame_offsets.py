@@ -13,7 +13,7 @@ import numpy as np
 
 from facadelake.core.arrays import Float64Nx3, Float64x3, Float64x3x3
 from facadelake.tracking.campaign_defects import DefectArrays
-from facadelake.tracking.candidates import find_candidates
+from facadelake.tracking.candidates import EXTENT_NOISE, find_candidates
 from schemas.vocabulary import OffsetOutcome
 
 _FACADE_SIGMA_M = 0.02  # of a facade's own offset from that of the building
@@ -103,7 +103,7 @@ def _estimate(
     if not same.any():
         return none
     i, j, shift = pairs.known[same], pairs.found[same], pairs.displacement_m[same]
-    extent = 0.08 * np.hypot(known.extent_m[i], found.extent_m[j])
+    extent = EXTENT_NOISE * np.hypot(known.extent_m[i], found.extent_m[j])
     covariance = (
         known.covariance_m2[i] + found.covariance_m2[j] + (_PAIR_FLOOR_M**2 + extent**2)[:, None, None] * np.eye(3)
     )

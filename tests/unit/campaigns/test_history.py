@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,11 +16,12 @@ import pytest
 
 from facadelake.building import BuildingModel
 from facadelake.building.surface import Surface
-from facadelake.campaigns import BuildingHistory, collect_campaign_views, read_history
+from facadelake.campaigns import BuildingHistory, collect_campaign_views, count_photographs, read_history
 from facadelake.core.errors import InputDataError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import list_rows, table_from_rows
-from facadelake.lake import TrackedHistory, append_reviews, commit_campaign
+from facadelake.lake import TrackedHistory, append_reviews, commit_campaign, read_table
+from facadelake.reviews import review_track
 from facadelake.severity import find_rule_file
 from facadelake.tracking import build_history_tables, link_history, list_look_requests, look_at_places
 from schemas.tables import LAKE_TABLES
@@ -283,3 +285,31 @@ def test_a_crack_that_spalled_keeps_its_track_and_has_no_change_of_size(tmp_path
         row["track_id"]: row["area_change_m2"] for row in list_rows(made["track_states"]) if row["previous_campaign"]
     }
     assert changes["tower-0001"] is None and changes["tower-0002"] == pytest.approx(0.0)
+
+
+def test_a_state_that_a_track_cannot_have_is_refused(tmp_path: Path) -> None:
+    commit(tmp_path, "2026-04", SPRING)
+    commit(tmp_path, "2026-10", AUTUMN)
+    for campaign, state in (("2026-04", "repaired"), ("2026-04", "grown"), ("2026-10", "new")):
+        with pytest.raises(InputDataError, match=f"track tower-0001 cannot be {state} in {campaign}"):
+            review_track(tmp_path, "tower-0001", campaign, state, reviewer="M. Weber")
+    with pytest.raises(InputDataError) as refused:
+        review_track(tmp_path, "tower-0001", "2026-04", "repaired", reviewer="M. Weber")
+    assert str(refused.value) == (
+        "track tower-0001 cannot be repaired in 2026-04, the first campaign of its history; possible are new, "
+        "first_seen, seen, not_found, not_imaged. A wrong detection is rejected by a review of the campaign's "
+        "detections ('facadelake review')"
+    )
+    assert not len(read_table(tmp_path, "track_reviews"))
+    assert review_track(tmp_path, "tower-0001", "2026-10", "repaired", reviewer="M. Weber").added.added == 1
+
+
+def test_photographs_that_come_back_are_counted(tmp_path: Path) -> None:
+    commit(tmp_path, "2026-04", SPRING)
+    (record,) = read_history(tmp_path, BUILDING, MODEL, None).records
+    assert count_photographs(record) == 0
+    here = replace(record, root=tmp_path / "photos")
+    for photo_id in record.posed:
+        (here.root / photo_id).parent.mkdir(parents=True, exist_ok=True)
+        (here.root / photo_id).touch()
+    assert count_photographs(here) == len(record.posed) > 0
