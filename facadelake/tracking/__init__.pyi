@@ -11,6 +11,7 @@ from .linked import link_history as link_history
 from .linked import list_look_requests as list_look_requests
 from .records import CampaignRecords as CampaignRecords
 from .records import read_records as read_records
+from .records import read_sizes as read_sizes
 from .second_look.comparison import PatchGrid as PatchGrid
 from .second_look.comparison import Place as Place
 from .second_look.comparison import compare_views as compare_views
@@ -26,6 +27,10 @@ from .second_look.verdict import judge_comparison as judge_comparison
 from .size_change import compare_sizes as compare_sizes
 from .size_change import select_significant as select_significant
 from .size_change import summarise_sizes as summarise_sizes
+from .size_pairs import SizedDefects as SizedDefects
+from .size_pairs import SizeDifference as SizeDifference
+from .size_pairs import compare_sized_pairs as compare_sized_pairs
+from .size_pairs import judge_growth as judge_growth
 from .states import StateInCampaign as StateInCampaign
 from .states import TrackEvidence as TrackEvidence
 from .states import decide_states as decide_states

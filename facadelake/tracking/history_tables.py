@@ -16,9 +16,10 @@ from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import Row, list_rows, table_from_rows
 from facadelake.tracking.chain_numbers import assign_chain_numbers
 from facadelake.tracking.identity import format_track_id
-from facadelake.tracking.linked import YEAR, LinkedHistory, SizeDifference
+from facadelake.tracking.linked import YEAR, LinkedHistory
 from facadelake.tracking.offset_rows import build_offset_rows
 from facadelake.tracking.second_look.look import Look
+from facadelake.tracking.size_pairs import judge_growth
 from facadelake.tracking.states import StateInCampaign, TrackEvidence, decide_states
 from facadelake.tracking.track_trends import describe_trends
 from schemas.tables import HISTORY_TABLES
@@ -158,11 +159,7 @@ class _Builder:
     def _name_change(self, campaign: int, chain: int) -> tuple[int, TrendQuantity | None]:
         """1 grown, -1 shrunk, 0 neither, and the quantity that says so most clearly."""
         row = self.history.sightings[chain][campaign].row
-        changes = {q: c for q, c in self.history.changes.get((campaign, row), {}).items() if c.significant}
-        if not changes:
-            return 0, None
-        quantity = max(changes, key=lambda q: abs(changes[q].log_change) / changes[q].sigma)
-        return (1 if changes[quantity].log_change > 0 else -1), quantity
+        return judge_growth(self.history.changes.get((campaign, row), {}))
 
     def _map_look_by_campaign(self, chain: int) -> list[tuple[int, Look]]:
         """The looks of a chain, by number of the campaign."""
@@ -250,8 +247,7 @@ class _Builder:
             remarks.append(f"attributed to element {defect['element_guid']}, in {before.campaign_id} to {element}")
         columns["state_remark"] = "; ".join(remarks) or None
         for quantity, change in self.history.changes.get((campaign, one.row), {}).items():
-            size = float(np.exp(before.sizes[quantity].log_size[one.previous[1]]))
-            columns |= dict(zip(_CHANGES[quantity], _convert_change(size, change), strict=True))
+            columns |= dict(zip(_CHANGES[quantity], (change.change, change.sigma), strict=True))
         columns["changed_quantity"] = self._name_change(campaign, chain)[1]
         return columns
 
@@ -327,11 +323,6 @@ class _Builder:
 
 def _drop_nan(value: float) -> float | None:
     return None if np.isnan(value) else value
-
-
-def _convert_change(size: float, change: SizeDifference) -> tuple[float, float]:
-    """A change and one sigma in the unit of ``size``, the size before."""
-    return size * (float(np.exp(change.log_change)) - 1), size * float(np.exp(change.log_change)) * change.sigma
 
 
 def _read_reviews(known: KnownHistory) -> dict[str, dict[str, tuple[TrackState, str]]]:

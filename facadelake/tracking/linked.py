@@ -10,35 +10,19 @@ from datetime import timedelta
 import numpy as np
 from scipy.spatial import cKDTree
 
-from facadelake.core.arrays import Float64N, Float64x3
+from facadelake.core.arrays import Float64x3
 from facadelake.registration import compute_tangents
 from facadelake.tracking.campaign_defects import CLASSES
 from facadelake.tracking.chain import CampaignLink, link_campaigns
 from facadelake.tracking.records import CampaignRecords
 from facadelake.tracking.second_look.look import LookRequest
-from facadelake.tracking.size_change import compare_sizes, select_significant
+from facadelake.tracking.size_change import DefectSizes
+from facadelake.tracking.size_pairs import SizedDefects, SizeDifference, compare_sized_pairs
 from schemas.vocabulary import DefectClass, OffsetOutcome, TrackRelation, TrendQuantity
 
 YEAR = timedelta(days=365.25)
-# What decides whether a defect has grown; the length of a spall or a damp patch says little that its area does not.
-TESTED = {
-    DefectClass.CRACK: (TrendQuantity.CRACK_WIDTH, TrendQuantity.LENGTH),
-    DefectClass.SPALLING: (TrendQuantity.AREA,),
-    DefectClass.MOISTURE: (TrendQuantity.AREA,),
-}
-# What is told of a change: the area of a crack is that of its box.
-SHOWN = {name: (*tested, TrendQuantity.LENGTH) for name, tested in TESTED.items()}
 _COVERED_MIN = 0.7  # share of a defect's extents that another one covers, of which it is then a part
 _COVERED_DEPTH_M = 0.3
-
-
-@dataclass(frozen=True, kw_only=True)
-class SizeDifference:
-    """Change of one size between two detections: ``log_change``, ``sigma``; ``significant`` over the building."""
-
-    log_change: float
-    sigma: float
-    significant: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -187,55 +171,31 @@ def _compare_detections(
     """Changes of every detection against the one before, significant over all defects of the building."""
     changes: dict[tuple[int, int], dict[TrendQuantity, SizeDifference]] = {}
     scales: dict[tuple[int, TrendQuantity], float] = {}
-    for number, records in enumerate(campaigns):
+    for number in range(len(campaigns)):
         found = [one[number] for one in sightings if number in one and one[number].previous is not None]
         if not found:
             continue
-        compared = {quantity: compare_sizes(*_gather_sizes(campaigns, found, quantity)) for quantity in TrendQuantity}
-        scales |= {(number, quantity): change.scale for quantity, change in compared.items()}
-        classes = [DefectClass(CLASSES[records.tracked.defects.defect_class[one.row]]) for one in found]
-        tested = [(k, quantity) for k, name in enumerate(classes) for quantity in TESTED[name]]
-        of_quantity = {quantity: change.p_value for quantity, change in compared.items()}
-        p_value = np.array([of_quantity[quantity][k] for k, quantity in tested])
-        significant = {pair for pair, yes in zip(tested, select_significant(p_value).tolist(), strict=True) if yes}
-        for k, one in enumerate(found):
-            changes[number, one.row] = {
-                quantity: SizeDifference(
-                    log_change=float(change.log_change[k]),
-                    sigma=float(change.sigma[k]),
-                    significant=(k, quantity) in significant,
-                )
-                for quantity, change in compared.items()
-                if np.isfinite(change.log_change[k]) and quantity in SHOWN[classes[k]]
-            }
+        before = [one.previous for one in found if one.previous is not None]
+        after = [(one.campaign, one.row) for one in found]
+        compared = compare_sized_pairs(_gather_sizes(campaigns, before), _gather_sizes(campaigns, after))
+        scales |= {(number, quantity): scale for quantity, scale in compared.scales.items()}
+        changes |= dict(zip(after, compared.changes, strict=True))
     return changes, scales
 
 
-def _gather_sizes(
-    campaigns: Sequence[CampaignRecords], found: Sequence[ChainDefect], quantity: TrendQuantity
-) -> tuple[Float64N, Float64N, Float64N, Float64N]:
-    """Logarithms and sigmas before and after of one quantity, as ``compare_sizes`` takes them.
-
-    Of a defect that has changed its class, the size before is NaN: a crack has no area to compare with a spall's.
-    """
-    kept = [
-        _get_class(campaigns, one.campaign, one.row) == _get_class(campaigns, *one.previous)
-        for one in found
-        if one.previous is not None
-    ]
-    before = [campaigns[one.previous[0]].sizes[quantity] for one in found if one.previous is not None]
-    rows = [one.previous[1] for one in found if one.previous is not None]
-    after = [campaigns[one.campaign].sizes[quantity] for one in found]
-    return (
-        np.where(kept, [sizes.log_size[row] for sizes, row in zip(before, rows, strict=True)], np.nan),
-        np.array([sizes.sigma[row] for sizes, row in zip(before, rows, strict=True)]),
-        np.array([sizes.log_size[one.row] for sizes, one in zip(after, found, strict=True)]),
-        np.array([sizes.sigma[one.row] for sizes, one in zip(after, found, strict=True)]),
+def _gather_sizes(campaigns: Sequence[CampaignRecords], places: Sequence[tuple[int, int]]) -> SizedDefects:
+    """The defects at ``places`` (campaign, row)."""
+    found = [(campaigns[campaign], row) for campaign, row in places]
+    return SizedDefects(
+        defect_class=[DefectClass(CLASSES[one.tracked.defects.defect_class[row]]) for one, row in found],
+        sizes={
+            quantity: DefectSizes(
+                log_size=np.array([one.sizes[quantity].log_size[row] for one, row in found]),
+                sigma=np.array([one.sizes[quantity].sigma[row] for one, row in found]),
+            )
+            for quantity in TrendQuantity
+        },
     )
-
-
-def _get_class(campaigns: Sequence[CampaignRecords], campaign: int, row: int) -> int:
-    return int(campaigns[campaign].tracked.defects.defect_class[row])
 
 
 def _relate(

@@ -70,7 +70,7 @@ def read_records(tables: Mapping[str, pa.Table], *, captured_at: datetime, origi
             defects=_move(read_defects(defects), site_from_own),
         ),
         defect_table=defects,
-        sizes=_read_sizes(defects, tables["observations"]),
+        sizes=read_sizes(defects, tables["observations"]),
         posed={
             photo_id: replace(posed, site_from_cam=site_from_own @ posed.site_from_cam)
             for photo_id, posed in read_posed_cameras(tables["poses"]).items()
@@ -90,8 +90,9 @@ def _move(defects: DefectArrays, target_from_source: Similarity) -> DefectArrays
     )
 
 
-def _read_sizes(defects: pa.Table, observations: pa.Table) -> dict[TrendQuantity, DefectSizes]:
-    """Length and area as medians of the sightings, with sigmas by their scatter; measured crack widths."""
+def read_sizes(defects: pa.Table, observations: pa.Table) -> dict[TrendQuantity, DefectSizes]:
+    """Sizes of the defects of one campaign: length and area as medians of the sightings, with sigmas by their scatter;
+    measured crack widths. In the order of ``defects``."""
     row_of = {defect_id: row for row, defect_id in enumerate(defects.column("defect_id").to_pylist())}
     owner = [row_of.get(defect_id, -1) for defect_id in observations.column("defect_id").to_pylist()]
     defect = np.array(owner, dtype=np.int64)

@@ -13,8 +13,9 @@ import numpy as np
 import pyarrow as pa
 
 from facadelake.tracking.campaign_defects import CLASSES
-from facadelake.tracking.linked import TESTED, YEAR, LinkedHistory
+from facadelake.tracking.linked import YEAR, LinkedHistory
 from facadelake.tracking.next_limit import NextLimit, find_next_limits
+from facadelake.tracking.size_pairs import TESTED
 from facadelake.tracking.trend import Trend, fit_trend, predict_limit
 from schemas.vocabulary import DefectClass, TrendQuantity
 
