@@ -165,8 +165,10 @@ def _commit_tracked(job: InspectionJob, results: StageResults) -> tuple[TrackedC
         require_unchanged_code(__name__)
         try:
             return tracked, checks, commit(job, results, tracked, checks)
-        except HistoryOutdatedError as error:
+        except HistoryOutdatedError:
             if not attempts_left:
                 raise
-            log.warning("%s; tracking again", error)
+            log.warning(
+                "another process has committed campaigns or tracks of %s meanwhile; tracking again", job.building.id
+            )
     raise AssertionError("the last attempt commits or raises")

@@ -97,7 +97,8 @@ def show_inspection(console: Console, lake: Path, result: InspectionResult) -> N
     table.add_row("checks", f"{sum(check['passed'] for check in checks)} of {len(checks)} passed")
     table.add_row(
         "lake",
-        f"version {result.version}" + ("" if result.changed else ", unchanged: it was made of the same inputs"),
+        f"version {result.version}"
+        + ("" if result.changed else "; the campaign is unchanged, it was made of the same inputs"),
     )
     table.add_row("time", _format_times(result))
     table.add_row("files", str(result.release))
@@ -123,6 +124,13 @@ def show_tracking(console: Console, result: TrackingResult) -> None:
     console.print(f"{result.building_id}: {tracks} tracks, in the latest campaign {states or 'none'}", highlight=False)
     version = "unchanged" if result.version is None else f"version {result.version}"
     console.print(f"lake: {version}; facadelake compare {result.building_id}", highlight=False)
+    if result.version is not None:
+        console.print(
+            f"published: nothing yet; 'facadelake inspect {result.building_id}' publishes the latest campaign with "
+            "this history",
+            soft_wrap=True,
+            highlight=False,
+        )
     for warning in result.warnings:
         console.print(f"[yellow]warning[/yellow]: {escape(warning)}")
 

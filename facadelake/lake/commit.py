@@ -13,7 +13,13 @@ import pyarrow as pa
 from facadelake.core.errors import SchemaError
 from facadelake.lake.connect import LOCK_TIMEOUT_S
 from facadelake.lake.damage import wrap_lake_errors
-from facadelake.lake.history import TrackedHistory, replace_history, require_current_history
+from facadelake.lake.history import (
+    TrackedHistory,
+    find_version_of_history,
+    replace_changed_history,
+    replace_history,
+    require_current_history,
+)
 from facadelake.lake.migrate import open_to_write
 from facadelake.lake.transaction import get_last_version, insert, make_version
 from schemas.tables import RUN_KEYS, TABLES
@@ -23,8 +29,9 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class CommitResult:
-    """The lake's version that holds the campaign, and whether this call made it.
+    """The lake's version that last changed the campaign or the history of its building.
 
+    ``changed``: whether this call wrote the campaign.
     ``regraded_before``: the rule packs of a regrading that this call's rows have replaced by their own grades.
     """
 
@@ -56,8 +63,9 @@ def commit_campaign(
 ) -> CommitResult:
     """Replace the campaign's rows of every table, and the building's history, in one transaction.
 
-    Nothing is written where the lake's campaign was made of the same inputs, code and configuration: then ``changed``
-    is False and ``version`` the one that committed or last regraded it. Earlier versions stay readable.
+    A campaign that was made of the same inputs, code and configuration stays as it is, and ``changed`` is False; the
+    history is replaced alone where it differs. ``version`` is the one that last changed either of them. Earlier
+    versions stay readable.
 
     Args:
         lake: folder of the lake; it is created if it does not exist.
@@ -78,7 +86,9 @@ def commit_campaign(
         known = _find_version_of_same_run(connection, run)
         if known is not None:
             logger.info("%s %s is in the lake already, version %d", building_id, campaign_id, known)
-            return CommitResult(version=known, changed=False)
+            if history is not None:  # another campaign, or a review, may have changed it
+                replace_changed_history(connection, lake, history, building_id)
+            return CommitResult(version=max(known, find_version_of_history(connection, building_id)), changed=False)
         if history is not None:
             require_current_history(connection, history, building_id, but=campaign_id)
         regraded = _read_regrading_rules(connection, run)

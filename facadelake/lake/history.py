@@ -54,15 +54,45 @@ def commit_history(
         open_to_write(lake, lock_timeout_s) as connection,
         wrap_lake_errors(lake, f"writing the history of {building_id} to the lake {lake}", _REMEDY),
     ):
-        require_current_history(connection, history, building_id, but=None)
-        held = read_tables(lake, list(HISTORY_TABLES), building_id=building_id)
-        if all(_is_same(held[name], history.tables[name], name) for name in HISTORY_TABLES):
-            return None
-        with make_version(connection, f"{building_id} tracked", {"building_id": building_id, "tracked": True}):
-            replace_history(connection, history, building_id)
-        version = get_last_version(connection)
+        version = replace_changed_history(connection, lake, history, building_id)
+    return version
+
+
+def replace_changed_history(
+    connection: duckdb.DuckDBPyConnection, lake: Path, history: TrackedHistory, building_id: str
+) -> int | None:
+    """Replace the history of a building in a transaction of its own, where it differs from the lake's.
+
+    Args:
+        connection: to the lake, locked.
+        lake: folder of the lake.
+        history: the tracks of all campaigns of the building.
+        building_id: the building.
+
+    Returns:
+        The version of the lake, None where nothing has changed.
+
+    Raises:
+        HistoryOutdatedError: the lake has changed since the history was tracked.
+    """
+    require_current_history(connection, history, building_id, but=None)
+    held = read_tables(lake, list(HISTORY_TABLES), building_id=building_id)
+    if all(_is_same(held[name], history.tables[name], name) for name in HISTORY_TABLES):
+        return None
+    with make_version(connection, f"{building_id} tracked", {"building_id": building_id, "tracked": True}):
+        replace_history(connection, history, building_id)
+    version = get_last_version(connection)
     logger.info("the history of %s committed as version %d", building_id, version)
     return version
+
+
+def find_version_of_history(connection: duckdb.DuckDBPyConnection, building_id: str) -> int:
+    """The version that last changed the history of a building, 0 where it has none."""
+    rows = " UNION ALL ".join(
+        f"SELECT max(snapshot_id) AS version FROM {name} WHERE building_id = $building" for name in HISTORY_TABLES
+    )
+    found = connection.execute(f"SELECT coalesce(max(version), 0) FROM ({rows})", {"building": building_id}).fetchone()
+    return int(found[0]) if found else 0
 
 
 def _is_same(held: pa.Table, table: pa.Table, name: str) -> bool:

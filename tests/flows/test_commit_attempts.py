@@ -13,6 +13,7 @@ from facadelake.core.errors import HistoryOutdatedError
 from flows import inspect_building
 
 NOTHING: Any = None
+JOB: Any = SimpleNamespace(building=SimpleNamespace(id="tower"))
 OUTDATED = HistoryOutdatedError(
     "the lake has other campaigns or tracks of tower than when it was tracked: another process has committed "
     "meanwhile; nothing was written, run again"
@@ -38,11 +39,10 @@ def test_the_history_is_made_anew_and_it_is_told(
 
     monkeypatch.setattr(inspect_building, "commit", commit)
     with caplog.at_level(logging.WARNING):
-        tracked, checks, committed = inspect_building._commit_tracked(NOTHING, NOTHING)
+        tracked, checks, committed = inspect_building._commit_tracked(JOB, NOTHING)
     assert (tracked.stage, checks, committed) == (3, 3, "committed")
     assert [record.getMessage() for record in caplog.records] == 2 * [
-        "the lake has other campaigns or tracks of tower than when it was tracked: another process has committed "
-        "meanwhile; nothing was written, run again; tracking again"
+        "another process has committed campaigns or tracks of tower meanwhile; tracking again"
     ]
 
 
@@ -52,5 +52,5 @@ def test_a_third_failure_ends_the_inspection(numbers: Iterator[int], monkeypatch
 
     monkeypatch.setattr(inspect_building, "commit", commit)
     with pytest.raises(HistoryOutdatedError):
-        inspect_building._commit_tracked(NOTHING, NOTHING)
+        inspect_building._commit_tracked(JOB, NOTHING)
     assert next(numbers) == 4

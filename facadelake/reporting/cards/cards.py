@@ -17,11 +17,12 @@ from facadelake.core.errors import InputDataError
 from facadelake.core.progress import report_progress
 from facadelake.reporting.cards.crops import crop_detection, format_file_label
 from facadelake.reporting.cards.facts import Row, group_merges, list_card_facts
-from facadelake.reporting.cards.figure import BEST_PX, DPI, TILE_PX, CardContents, ObservationTile, draw_card
+from facadelake.reporting.cards.figure import BEST_PX, TILE_PX, CardContents, ObservationTile, draw_card
 from facadelake.reporting.cards.observations import DefectObservation, group_observations
 from facadelake.reporting.cards.patch_view import PatchView, choose_patch_side_m, rectify_patch
 from facadelake.reporting.drawing.palette import get_class_colour
 from facadelake.reporting.drawing.photograph import read_photograph
+from facadelake.reporting.drawing.png_writer import PngWriter
 from facadelake.reporting.elevations.marks import DefectMark, create_marks
 from facadelake.reporting.elevations.overview import FacadeOverview
 from facadelake.reporting.elevations.storeys import find_storey_bases
@@ -98,7 +99,7 @@ def draw_cards(
     paths: dict[str, Path] = {}
     missing: list[str] = []
 
-    def finish(card: _PendingCard) -> None:
+    def finish(card: _PendingCard, writer: PngWriter) -> None:
         path = folder / f"card_{format_file_label(card.mark.label)}.png"
         contents = CardContents(
             mark=card.mark,
@@ -116,13 +117,13 @@ def draw_cards(
             overview=overviews.get(card.mark.defect_id),
             storeys=storeys,
         )
-        draw_card(contents).savefig(path, dpi=DPI, pil_kwargs={"compress_level": 1})
+        writer.write(draw_card(contents), path)
         paths[card.mark.defect_id] = path
 
-    for card in pending:
-        if not card.unread_photos:
-            finish(card)
-    with report_progress("Drawing cards", len(queue)) as step:
+    with PngWriter() as writer, report_progress("Drawing cards", len(queue)) as step:
+        for card in pending:
+            if not card.unread_photos:
+                finish(card, writer)
         while queue:
             photo_id = queue.popleft()
             cards = [card for card in pending if photo_id in card.unread_photos]
@@ -142,7 +143,7 @@ def draw_cards(
                     card.unread_photos.add(next_best)  # it was read before, but as one of the other views
                     queue.append(next_best)
                 if not card.unread_photos:
-                    finish(card)
+                    finish(card, writer)
             pending = [card for card in pending if card.unread_photos]
             step.advance(1)
     return CardFiles(paths=paths, missing=tuple(missing))

@@ -14,9 +14,10 @@ from facadelake.building import BuildingModel
 from facadelake.building.surface import Obstructions, Surface
 from facadelake.core.arrays import Float64x3, UInt8Image
 from facadelake.core.errors import InputDataError
+from facadelake.reporting.drawing.png_writer import PngWriter
 from facadelake.reporting.elevations.coverage_figure import draw_coverage, select_coverage
 from facadelake.reporting.elevations.facades import Facade, find_facades
-from facadelake.reporting.elevations.figure import DPI, ElevationLabels, draw_elevation
+from facadelake.reporting.elevations.figure import ElevationLabels, draw_elevation
 from facadelake.reporting.elevations.hidden_regions import HiddenRegion, find_hidden_regions
 from facadelake.reporting.elevations.marks import DefectMark, assign_marks, create_marks, find_visible_marks
 from facadelake.reporting.elevations.overview import FacadeOverview, create_overview, render_model_overview
@@ -103,41 +104,40 @@ def draw_elevations(
     if inspection.as_built is not None:
         obstructions = Obstructions(inspection.as_built, surface, inspection.placement_sigma_m)
     elevations = []
-    for rectified, own in zip(
-        rectify_elevations(reliefs, surface, inspection.posed, photographs, settings, obstructions),
-        assigned,
-        strict=True,
-    ):
-        facade = rectified.relief.facade
-        path = folder / f"elevation_{facade.name}.png"
-        background = render_background(rectified, building)
-        met = rectified.relief.element >= 0
-        covered = float((rectified.covered & ~rectified.hidden & met).sum() / max(int(met.sum()), 1))
-        hidden = float((rectified.hidden & met).sum() / max(int(met.sum()), 1))
-        others = find_visible_marks(rectified.relief, marks, own)
-        hatched = _draw_hatch(background, rectified)
-        sheet = draw_elevation(labels, rectified, hatched, own, others, covered, hidden)
-        sheet.savefig(path, dpi=DPI, pil_kwargs={"compress_level": 4})
-        cells = select_coverage(inspection.coverage, facade)
-        coverage_path = None
-        if len(cells):
-            coverage_path = folder / f"coverage_{facade.name}.png"
-            draw_coverage(labels, facade, background, rectified.relief.cell_m, cells).savefig(
-                coverage_path, dpi=DPI, pil_kwargs={"compress_level": 4}
+    with PngWriter() as writer:
+        for rectified, own in zip(
+            rectify_elevations(reliefs, surface, inspection.posed, photographs, settings, obstructions),
+            assigned,
+            strict=True,
+        ):
+            facade = rectified.relief.facade
+            path = folder / f"elevation_{facade.name}.png"
+            background = render_background(rectified, building)
+            met = rectified.relief.element >= 0
+            covered = float((rectified.covered & ~rectified.hidden & met).sum() / max(int(met.sum()), 1))
+            hidden = float((rectified.hidden & met).sum() / max(int(met.sum()), 1))
+            others = find_visible_marks(rectified.relief, marks, own)
+            hatched = _draw_hatch(background, rectified)
+            sheet = draw_elevation(labels, rectified, hatched, own, others, covered, hidden)
+            writer.write(sheet, path)
+            cells = select_coverage(inspection.coverage, facade)
+            coverage_path = None
+            if len(cells):
+                coverage_path = folder / f"coverage_{facade.name}.png"
+                writer.write(draw_coverage(labels, facade, background, rectified.relief.cell_m, cells), coverage_path)
+            elevations.append(
+                Elevation(
+                    path=path,
+                    coverage_path=coverage_path,
+                    facade=facade,
+                    marks=tuple(own),
+                    covered_share=covered,
+                    hidden_share=hidden,
+                    hidden_regions=tuple(find_hidden_regions(rectified.relief, rectified.hidden)),
+                    obstructions_known=obstructions is not None,
+                    overview=create_overview(facade, hatched, rectified.relief.cell_m),
+                )
             )
-        elevations.append(
-            Elevation(
-                path=path,
-                coverage_path=coverage_path,
-                facade=facade,
-                marks=tuple(own),
-                covered_share=covered,
-                hidden_share=hidden,
-                hidden_regions=tuple(find_hidden_regions(rectified.relief, rectified.hidden)),
-                obstructions_known=obstructions is not None,
-                overview=create_overview(facade, hatched, rectified.relief.cell_m),
-            )
-        )
     elevations.sort(key=lambda elevation: -elevation.facade.area_m2)
     if elevations:
         _write_thumbnail(elevations[0].path, folder / "thumbnail_elevation.jpg")

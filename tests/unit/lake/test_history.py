@@ -69,6 +69,19 @@ def test_a_history_by_itself_is_a_version_and_keeps_other_buildings(tmp_path: Pa
     assert commit_history(tmp_path, track(frozenset(IDS)), building_id=BUILDING) is None  # nothing has changed
 
 
+def test_an_unchanged_campaign_is_kept_and_its_changed_history_written(tmp_path: Path) -> None:
+    """As after a review of a track: the inspection that applies it has the same photographs, code and settings."""
+    first = commit_with(tmp_path, track())
+    assert commit_with(tmp_path, track(frozenset(IDS))) == first  # nothing has changed
+    fewer = history_tables(run_id="run-1")["tracks"].slice(0, 2)
+    second = commit_with(tmp_path, track(frozenset(IDS), tracks=fewer))
+    assert second > first and len(read_ids(tmp_path)) == 2
+    assert read_table(tmp_path, "runs").column("run_id").to_pylist() == ["run-1"]
+    by_itself = commit_history(tmp_path, track(frozenset(IDS) - {f"{BUILDING}-0003"}), building_id=BUILDING)
+    again = commit_with(tmp_path, track(frozenset(IDS)))
+    assert by_itself == again > second  # the release of this version has the history that was committed by itself
+
+
 def test_a_history_with_other_columns_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SchemaError, match="table tracks has the columns"):
         commit_with(tmp_path, track(tracks=pa.table({"track_id": ["a"]})))
