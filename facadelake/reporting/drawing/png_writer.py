@@ -10,7 +10,6 @@ from typing import Any, Self
 
 import cv2
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from facadelake.core.arrays import UInt8Image
@@ -40,8 +39,7 @@ class PngWriter:
 
     def write(self, figure: Figure, path: Path) -> None:
         """Draw ``figure`` at its own resolution, and have it written to ``path``; waits where two are unwritten."""
-        canvas: Any = figure.canvas  # Matplotlib does not type the methods of Agg's
-        assert isinstance(canvas, FigureCanvasAgg), "the figure's canvas is not Agg's"
+        canvas: Any = figure.canvas  # FigureCanvasAgg, whose methods are not typed
         canvas.draw()
         pixels = np.asarray(canvas.buffer_rgba())
         self._wait_until_fewer(_PENDING_MAX)
