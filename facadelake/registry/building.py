@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, PrivateAttr, model_validator
 
@@ -15,6 +15,7 @@ from facadelake.registry.settings import (
     BuildingCrs,
     CocoDetectorSetting,
     Identifier,
+    IntakeSetting,
     KeptOutKind,
     OnnxDetectorSetting,
     PositionsSetting,
@@ -36,7 +37,8 @@ class Building(StrictModel):
     model. ``model_building`` is the name of the IfcBuilding to use of an IFC with several. ``storeys`` are for models
     without storeys. ``positions`` None: those of XMP, else of EXIF. ``use_photographs`` are kinds of photographs that
     are kept out of the block by default. The default of ``detector`` is the default detector model.
-    ``accept_placement`` are statements that may contradict the placement.
+    ``accept_placement`` are statements that may contradict the placement. ``priority``: whose campaigns are inspected
+    first, where several wait. ``intake``: where its photographs arrive; None: they are put into ``photographs``.
     """
 
     id: Identifier
@@ -54,6 +56,8 @@ class Building(StrictModel):
         kind="onnx"
     )
     schedule: Schedule | None = None
+    priority: Literal["low", "normal", "high"] = "normal"
+    intake: IntakeSetting | None = None
     crs: BuildingCrs = BuildingCrs()
     storeys: tuple[StoreySetting, ...] = ()
     tolerances: Tolerances = Tolerances()
@@ -67,6 +71,15 @@ class Building(StrictModel):
             raise ValueError(
                 f"photographs '{self.photographs}' has no {CAMPAIGN} in it and 'campaigns' is empty, "
                 f"so that campaigns cannot be distinguished; put {CAMPAIGN} in the path, or list the campaigns"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _check_intake_has_a_place(self) -> Self:
+        if self.intake is not None and (CAMPAIGN not in self.photographs or self.campaigns):
+            raise ValueError(
+                f"'intake' puts each campaign that arrives in a folder of its own: put {CAMPAIGN} into 'photographs' "
+                "and leave out 'campaigns'"
             )
         return self
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,8 @@ _PATH_KEYS = (
     ("detector", "model"),
     ("detector", "card"),
 )
+_OBJECT_STORES = ("s3",)
+_LOCATION_KEYS = (("intake", "source"),)  # a path, or a prefix of an object store
 
 
 class Portfolio(BaseModel):
@@ -117,17 +119,17 @@ def _read_entries(file: Path, mistakes: list[str]) -> Iterator[tuple[str, dict[s
 def _resolve_entry(entry: dict[str, Any], file: Path) -> dict[str, Any]:
     """The entry with absolute paths and environment variables replaced."""
     out = dict(entry)
-    for name in ("detector", "crs", "positions"):
+    for name in ("detector", "crs", "positions", "intake"):
         if isinstance(out.get(name), dict):
             out[name] = dict(out[name])
     if isinstance(out.get("detector"), dict):
         alternatives = out["detector"].get("alternatives")
         if isinstance(alternatives, dict):
             out["detector"]["alternatives"] = {
-                name: _resolve_path(value, file) if isinstance(value, str) else value
+                name: resolve_location(value, file) if isinstance(value, str) else value
                 for name, value in alternatives.items()
             }
-    for keys in _PATH_KEYS:
+    for keys in (*_PATH_KEYS, *_LOCATION_KEYS):
         holder: Any = out
         for key in keys[:-1]:
             holder = holder.get(key) if isinstance(holder, dict) else None
@@ -136,11 +138,22 @@ def _resolve_entry(entry: dict[str, Any], file: Path) -> dict[str, Any]:
             and isinstance(holder.get(keys[-1]), str)
             and holder[keys[-1]] not in _PATH_KEYWORDS
         ):
-            holder[keys[-1]] = _resolve_path(holder[keys[-1]], file)
+            schemes = _OBJECT_STORES if keys in _LOCATION_KEYS else ()
+            holder[keys[-1]] = resolve_location(holder[keys[-1]], file, schemes)
     return out
 
 
-def _resolve_path(text: str, file: Path) -> str:
+def resolve_location(text: str, file: Path, schemes: Sequence[str] = ()) -> str:
+    """An absolute path, or a URI of one of ``schemes`` unchanged; ``${NAME:-default}`` is replaced.
+
+    Args:
+        text: a path relative to the folder of ``file``, a ``file://`` URI, or a URI of one of ``schemes``.
+        file: the file it stands in.
+        schemes: schemes that are allowed besides ``file``.
+
+    Raises InputDataError for another scheme, and for an environment variable that is not set.
+    """
+
     def substitute(match: re.Match[str]) -> str:
         value = os.environ.get(match[1]) or match[2]
         if value is None:
@@ -152,8 +165,11 @@ def _resolve_path(text: str, file: Path) -> str:
     text = _VARIABLE.sub(substitute, text)
     if "://" in text:
         uri = urlparse(text)
+        if uri.scheme in schemes:
+            return text
         if uri.scheme != "file":
-            raise InputDataError(f"'{text}' has the scheme '{uri.scheme}'; a path or a file:// URI is allowed")
+            also = "".join(f", or a {scheme}:// URI," for scheme in schemes) or " or a file:// URI"
+            raise InputDataError(f"'{text}' has the scheme '{uri.scheme}'; a path{also} is allowed")
         text = unquote(uri.path)
     return os.path.normpath(file.resolve().parent / Path(text).expanduser())
 

@@ -57,10 +57,28 @@ Identifier = Annotated[str, AfterValidator(_check_identifier)]
 
 
 class Schedule(StrictModel):
-    """Schedule of inspections: a cron expression in a time zone."""
+    """Schedule of inspections: a cron expression in a time zone, and the cycle that the law asks for.
+
+    ``early_days``: photographs taken up to so many days before a date of ``cron`` count for that date.
+    ``cycle_months``: largest number of months between two inspections by law; None: none is known.
+    """
 
     cron: Annotated[str, AfterValidator(_check_cron)]
     timezone: Annotated[str, AfterValidator(_check_time_zone)] = "UTC"
+    early_days: Annotated[int, Field(ge=0, le=366)] = 30
+    cycle_months: Annotated[int, Field(ge=1, le=240)] | None = None
+
+
+class IntakeSetting(StrictModel):
+    """Where a building's photographs arrive: ``source`` is a folder or an ``s3://`` prefix, with a folder a campaign.
+
+    A campaign is complete when its folder holds a file of the name ``marker``; without ``marker``, when nothing in it
+    has changed for ``quiet_minutes`` (None: the service's).
+    """
+
+    source: Annotated[str, Field(min_length=1)]
+    marker: Annotated[str, Field(min_length=1)] | None = None
+    quiet_minutes: Annotated[float, Field(gt=0, le=14400)] | None = None
 
 
 class SiteOriginSetting(StrictModel):
