@@ -1,0 +1,73 @@
+"""Listings of folders, in the file system or an object store: paths, sizes, times of change. Nothing is opened."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from pyarrow import fs
+
+from facadelake.core.hashing import compute_key
+
+# What systems write beside the files of a person, and change without him.
+_SYSTEM_FILES = frozenset({".ds_store", "thumbs.db", "desktop.ini", ".localized"})
+_SYSTEM_FOLDERS = frozenset({"__macosx", ".spotlight-v100", ".trashes", ".fseventsd", "system volume information"})
+
+
+@dataclass(frozen=True, kw_only=True)
+class ListedFile:
+    """A file as it was listed; ``path`` is below the folder, with forward slashes."""
+
+    path: str
+    bytes: int
+    modified_ns: int
+
+    @property
+    def name(self) -> str:
+        """Its name without folders."""
+        return PurePosixPath(self.path).name
+
+
+def compute_fingerprint(files: Iterable[ListedFile]) -> str:
+    """One text for a listing, which differs where a file came, went, or has another size or time of change."""
+    return compute_key({file.path: [file.bytes, file.modified_ns] for file in files})
+
+
+def list_folder(filesystem: fs.FileSystem, root: str) -> list[ListedFile]:
+    """All files below a folder, sorted by path, without what systems write for themselves, and without links.
+
+    Links of a file system are not followed: they can lead in circles, and to files that are no part of the upload.
+    Raises OSError where the folder cannot be listed.
+    """
+    prefix = root.rstrip("/") + "/"
+    files = [
+        ListedFile(path=info.path.removeprefix(prefix), bytes=info.size or 0, modified_ns=info.mtime_ns or 0)
+        for info in _walk(filesystem, root)
+        if info.type == fs.FileType.File
+    ]
+    return sorted((file for file in files if not _is_of_system(file.path)), key=lambda file: file.path)
+
+
+def _walk(filesystem: fs.FileSystem, folder: str) -> Iterator[Any]:
+    if not isinstance(filesystem, fs.LocalFileSystem):
+        yield from filesystem.get_file_info(fs.FileSelector(folder, recursive=True))
+        return
+    for info in filesystem.get_file_info(fs.FileSelector(folder)):
+        if Path(info.path).is_symlink():
+            continue
+        if info.type == fs.FileType.Directory:
+            yield from _walk(filesystem, info.path)
+        else:
+            yield info
+
+
+def _is_of_system(path: str) -> bool:
+    *folders, name = path.lower().split("/")
+    return name in _SYSTEM_FILES or name.startswith("._") or any(folder in _SYSTEM_FOLDERS for folder in folders)
+
+
+def sum_bytes(files: Sequence[ListedFile]) -> int:
+    """The size of all files together."""
+    return sum(file.bytes for file in files)
