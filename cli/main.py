@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from cli import cache, detectors, evaluation, history, results, reviews
+from cli import cache, detectors, evaluation, history, intake, results, reviews
 from cli.options import (
     DEFAULT_LAKE,
     DEFAULT_PORTFOLIO,
@@ -195,6 +195,7 @@ app.command()(detectors.evaluate_detector)
 app.command()(detectors.describe_detector)
 app.add_typer(reviews.review, name="review")
 app.add_typer(cache.cache, name="cache")
+app.add_typer(intake.intake, name="intake")
 app.command()(reviews.training_set)
 app.command()(reviews.compare_models)
 app.command()(reviews.promote_model)

@@ -7,6 +7,10 @@ Commands, flows and validators are recognised by their decorators: ``[tool.vultu
 _.intra_op_num_threads
 _.log_severity_level
 
+# An attribute of SQLite's driver, and a column of the intake's ledger that is written by name
+_.isolation_level
+_.received_s
+
 # What the tests of crack measurement draw and compare with (benchmarks/drawn_cracks.py)
 _.widths_px
 _.max_px

@@ -1,4 +1,12 @@
 from .campaigns_in_place import CampaignObservation as CampaignObservation
 from .campaigns_in_place import observe_campaign as observe_campaign
+from .intake_pass import IntakeReport as IntakeReport
+from .intake_pass import receive_complete_uploads as receive_complete_uploads
+from .ledger import IntakeBusyError as IntakeBusyError
 from .observation_time import ObservationTime as ObservationTime
 from .observation_time import read_clock as read_clock
+from .upload import SourceProblem as SourceProblem
+from .upload import Upload as Upload
+from .upload import UploadState as UploadState
+from .upload import describe_upload as describe_upload
+from .upload import list_uploads as list_uploads

@@ -74,7 +74,8 @@ UPLOADS = Table(
     Column("files", Integer, nullable=False),
     Column("bytes", BigInteger, nullable=False),
     Column("examined", Text, nullable=False, default=""),  # fingerprint that the rows of FILES are of
-    Column("received", Text, nullable=False, default=""),  # stamp of the listing that was received last
+    Column("judged", Text, nullable=False, default=""),  # fingerprint with the marker, when refused or failed
+    Column("received", Text, nullable=False, default=""),  # the same when received last
     Column("received_s", Float),
     Column("attempts", Integer, nullable=False, default=0),
     Column("retry_quiet_s", Float, nullable=False, default=0.0),

@@ -1,7 +1,11 @@
+from .clock import is_clock_set as is_clock_set
 from .exif import FULL_FRAME_DIAGONAL_MM as FULL_FRAME_DIAGONAL_MM
 from .files import find_masks as find_masks
 from .files import find_photographs as find_photographs
+from .files import is_photograph_name as is_photograph_name
 from .ingest import ingest_photographs as ingest_photographs
 from .positions_file.registered import list_position_remarks as list_position_remarks
 from .positions_file.registered import read_registered_positions as read_registered_positions
+from .read import Photo as Photo
+from .read import read_photos as read_photos
 from .utc_offset import describe_unknown_offsets as describe_unknown_offsets

@@ -73,6 +73,12 @@ def find_photographs(root: Path) -> list[Path]:
     return [path for path in images if path not in masks]
 
 
+def is_photograph_name(name: str) -> bool:
+    """Whether a file of this name is a photograph or a mask, or one in a format that is not supported; no video."""
+    suffix = Path(name).suffix.lower()
+    return suffix in FORMATS_BY_SUFFIX or _REASONS_BY_SUFFIX.get(suffix, _VIDEO) is not _VIDEO
+
+
 def explain_unsupported(path: Path) -> str:
     """Why a file that looks like a photograph is not read, by its name; empty for one that is read."""
     if path.name.startswith(_APPLE_DOUBLE_PREFIX):

@@ -8,8 +8,10 @@ from .settings import DEFAULT_MODEL as DEFAULT_MODEL
 from .settings import AcceptedStatement as AcceptedStatement
 from .settings import CocoDetectorSetting as CocoDetectorSetting
 from .settings import ExifView as ExifView
+from .settings import Identifier as Identifier
 from .settings import OnnxDetectorSetting as OnnxDetectorSetting
 from .settings import PositionsSetting as PositionsSetting
 from .settings import RecallBySize as RecallBySize
+from .settings import StrictModel as StrictModel
 from .surface_kinds import UNITS_M as UNITS_M
 from .surface_kinds import find_buffer_files as find_buffer_files

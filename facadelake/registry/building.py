@@ -100,7 +100,7 @@ class Building(StrictModel):
         if self.campaigns:
             return tuple(sorted(self.campaigns))
         before, after = self.photographs.split(CAMPAIGN, 1)
-        parent, prefix = (Path(before), "") if before.endswith("/") else (Path(before).parent, Path(before).name)
+        parent, prefix = self.locate_campaigns(), "" if before.endswith("/") else Path(before).name
         suffix = after.split("/", 1)[0]
         rest = after[len(suffix) :].lstrip("/")
         found = []
@@ -114,9 +114,18 @@ class Building(StrictModel):
         """The statements that may contradict the placement of the campaign."""
         return tuple(one for one in self.accept_placement if one.campaigns is None or campaign_id in one.campaigns)
 
+    def locate_campaigns(self) -> Path:
+        """The folder with an entry for each campaign, whether it exists or not."""
+        before = self.photographs.split(CAMPAIGN, 1)[0]
+        return Path(before) if before.endswith("/") else Path(before).parent
+
+    def place_photographs(self, campaign_id: str) -> Path:
+        """The folder that the campaign's photographs belong into, whether it exists or not."""
+        return Path(self.photographs.replace(CAMPAIGN, campaign_id))
+
     def locate_photographs(self, campaign_id: str) -> Path:
         """The folder of the campaign's photographs. Raises InputDataError where it does not exist."""
-        folder = Path(self.photographs.replace(CAMPAIGN, campaign_id))
+        folder = self.place_photographs(campaign_id)
         if self.campaigns and campaign_id not in self.campaigns:
             raise InputDataError(
                 f"building '{self.id}' has no campaign '{campaign_id}'{suggest_name(campaign_id, self.campaigns)}; "

@@ -34,9 +34,9 @@ VERBS = frozenset(
     make map mark mask match measure merge mesh migrate move name normalise notify observe offer open order orient
     outline pack paint pair parse partition place plan plot point postprocess predict prefer prepare present preview
     print probe project promote propagate propose prune publish put query quote raise rank rasterise reach read reassign
-    recognise reconstruct record recover rectify reduce refine refuse register regrade reject release remove render
-    repair replace report represent require resample resect reset resolve restore restrict retrieve review rotate
-    round run sample save scale scan score search seed segment select send separate serve set shade share shift show
+    receive recognise reconstruct record recover rectify reduce refine refuse register regrade reject release
+    remove render repair replace report represent require resample resect reset resolve restart restore
+    restrict retrieve review rotate round run sample save scale scan score search seed segment select send separate serve set shade share shift show
     shrink simplify smooth snap solve sort split square standardise start state step stop store straighten strip
     subdivide subtract suggest sum summarise suppress take test thin tile time tint trace track train transform
     translate triangulate trim trust try turn undistort union unite unpack update upload use validate verify view

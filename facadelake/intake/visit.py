@@ -1,0 +1,183 @@
+"""One upload in one pass: what it waits for, whether it is received, and what the ledger then has of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from facadelake.core.errors import FacadelakeError, InputDataError
+from facadelake.intake.answer import MarkerState, find_marker, read_answer
+from facadelake.intake.completeness import Completeness, judge_number, judge_quiet
+from facadelake.intake.file_kinds import LEFT_OUT, FileKind, classify_file, describe_left_out
+from facadelake.intake.listing import ListedFile, compute_fingerprint, sum_bytes
+from facadelake.intake.observation_time import ObservationTime
+from facadelake.intake.observed_folders import ObservedFolder, restart_waiting
+from facadelake.intake.photograph_facts import FileFacts
+from facadelake.intake.receive import CompleteUpload, Surroundings, UploadChangedError, receive_upload
+from facadelake.intake.source import UploadSource
+from facadelake.intake.upload import UploadRow, UploadState, load_row, save_facts, save_row
+from facadelake.registry import Building, ServiceSettings
+
+_RETRY_FIRST_S = 300.0
+_RETRY_LAST_S = 4 * 3600.0
+_JUDGED_AGAIN_S = 3600.0  # the portfolio and the lake change, too
+_REMARKS_MAX = 12
+
+
+@dataclass(frozen=True, kw_only=True)
+class UploadVisit:
+    """An upload as one pass sees it."""
+
+    building: Building
+    source: UploadSource
+    folder: str
+    files: tuple[ListedFile, ...]
+    observed: ObservedFolder
+    at: ObservationTime
+
+    @property
+    def fingerprint(self) -> str:
+        """That of all its files, with the marker."""
+        return compute_fingerprint(self.files)
+
+    @property
+    def marker(self) -> MarkerState:
+        """Its marker or answer."""
+        return find_marker(self.building, self.files)
+
+    @property
+    def content(self) -> tuple[ListedFile, ...]:
+        """Its files without the marker."""
+        return tuple(file for file in self.files if file.path != self.marker.name)
+
+    def count_photographs(self) -> int:
+        """The number of its photographs and masks by their names."""
+        return sum(classify_file(file) is FileKind.PHOTOGRAPH for file in self.content)
+
+
+def visit_upload(visit: UploadVisit, settings: ServiceSettings, around: Surroundings) -> None:
+    """Take an upload as far as it gets in this pass, and write that into the ledger.
+
+    A problem of the upload becomes its state. Raises StoreError where the ledger cannot be read or written.
+    """
+    with around.ledger.begin() as connection:
+        row = load_row(connection, visit.observed.id)
+    row = row or UploadRow(state=UploadState.GROWING, state_since_s=visit.at.unix_s)
+    current = replace(
+        row,
+        photographs=visit.count_photographs(),
+        files=len(visit.content),
+        bytes=sum_bytes(visit.content),
+        in_source=True,
+    )
+    if row.received == visit.fingerprint:
+        _save(visit, around, row, replace(current, state=UploadState.RECEIVED, reason=""))
+        return
+    facts: tuple[FileFacts, ...] = ()
+    try:
+        new, facts = _advance(visit, settings, around, current)
+    except UploadChangedError as error:
+        new = replace(current, state=UploadState.GROWING, reason=str(error))
+    except (FacadelakeError, OSError) as error:
+        wait_s = min(_RETRY_FIRST_S * 2**row.attempts, _RETRY_LAST_S)
+        new = replace(
+            current,
+            state=UploadState.FAILED,
+            reason=str(error),
+            attempts=row.attempts + 1,
+            judged=visit.fingerprint,
+            retry_quiet_s=visit.observed.quiet_s + wait_s,
+        )
+    _save(visit, around, row, new, facts)
+
+
+def _advance(
+    visit: UploadVisit, settings: ServiceSettings, around: Surroundings, row: UploadRow
+) -> tuple[UploadRow, tuple[FileFacts, ...]]:
+    """The upload's row after this pass, and facts of its files for the ledger."""
+    marker = visit.marker
+    content = compute_fingerprint(visit.content)
+    intake = visit.building.intake
+    quiet_minutes = (intake.quiet_minutes if intake else None) or settings.intake.quiet_minutes
+    stalled_days = settings.intake.stalled_days
+    found = judge_quiet(
+        visit.observed,
+        marker,
+        quiet_s=quiet_minutes * 60,
+        stalled_days=stalled_days,
+        is_answered=row.examined == content,
+    )
+    if not found.is_complete:
+        return _describe_waiting(row, found), ()
+    is_judged = row.state in (UploadState.FAILED, UploadState.REFUSED) and row.judged == visit.fingerprint
+    if is_judged and visit.observed.quiet_s < row.retry_quiet_s:
+        return row, ()
+    refused = replace(
+        row,
+        state=UploadState.REFUSED,
+        judged=visit.fingerprint,
+        retry_quiet_s=visit.observed.quiet_s + _JUDGED_AGAIN_S,
+        attempts=0,
+    )
+    try:
+        answer = read_answer(visit.source, visit.folder, marker)
+    except InputDataError as error:
+        return replace(refused, reason=str(error)), ()
+    number = visit.count_photographs()
+    found = judge_number(visit.observed, answer, photographs=number, answer_file=marker.name, stalled_days=stalled_days)
+    if not found.is_complete:
+        return _describe_waiting(row, found), ()
+    done = receive_upload(
+        CompleteUpload(
+            building=visit.building,
+            source=visit.source,
+            folder=visit.folder,
+            folder_id=visit.observed.id,
+            files=visit.content,
+            listed=visit.files,
+            answer=answer,
+            answer_file=marker.name,
+            campaign_id=row.campaign_id if row.received else None,
+            examined=row.examined,
+        ),
+        around,
+    )
+    remarks = list(done.remarks)
+    if answer.photographs is not None and number > answer.photographs:
+        remarks.append(f"{number} photographs, of which its {marker.name} says that they are {answer.photographs}")
+    if done.problems:
+        reason = "; ".join(done.problems)
+        told = tuple(remarks[:_REMARKS_MAX])
+        return replace(refused, reason=reason, remarks=told, campaign_id=done.campaign_id, examined=content), done.facts
+    earlier = [line for line in row.remarks if row.received and not line.startswith(LEFT_OUT)]
+    told = tuple(dict.fromkeys([*earlier, *remarks, *describe_left_out(visit.content)]))
+    return (
+        replace(
+            row,
+            state=UploadState.RECEIVED,
+            reason="",
+            remarks=told[-_REMARKS_MAX:],
+            campaign_id=done.campaign_id,
+            examined=content,
+            received=visit.fingerprint,
+            received_s=visit.at.unix_s,
+            attempts=0,
+        ),
+        done.facts,
+    )
+
+
+def _describe_waiting(row: UploadRow, found: Completeness) -> UploadRow:
+    state = UploadState.STALLED if found.is_stalled else UploadState.GROWING
+    return replace(row, state=state, reason=found.reason, attempts=0)
+
+
+def _save(
+    visit: UploadVisit, around: Surroundings, before: UploadRow, row: UploadRow, facts: Sequence[FileFacts] = ()
+) -> None:
+    since_s = before.state_since_s if row.state is before.state else visit.at.unix_s
+    with around.ledger.begin() as connection:
+        save_row(connection, visit.observed.id, replace(row, state_since_s=since_s))
+        save_facts(connection, visit.observed.id, facts)
+        if row.state in (UploadState.RECEIVED, UploadState.REFUSED):  # what changes from now on is new
+            restart_waiting(connection, visit.observed.id)

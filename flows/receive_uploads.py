@@ -1,0 +1,43 @@
+"""Flow: one pass of the intake, in which uploads are observed, and what is complete becomes a campaign."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+from prefect import flow
+
+from facadelake.intake import IntakeBusyError, IntakeReport, UploadState, describe_upload, receive_complete_uploads
+from facadelake.registry import SETTINGS_FILE, read_portfolio, read_service_settings
+
+log = logging.getLogger("facadelake.flows")
+
+_NEEDS_A_PERSON = (UploadState.REFUSED, UploadState.FAILED, UploadState.STALLED)
+
+
+@flow(name="receive-uploads", flow_run_name="intake", validate_parameters=True)
+def receive_uploads(settings: str = SETTINGS_FILE) -> IntakeReport | None:
+    """Observe all sources once, and receive what is complete; a line of the log for each upload with news.
+
+    Args:
+        settings: path of the service's settings.
+
+    Returns:
+        the uploads and what is new; None where another process receives uploads at the moment.
+
+    Raises:
+        InputDataError: the settings or the portfolio have mistakes.
+        StoreError: the intake's ledger cannot be read or written.
+    """
+    service = read_service_settings(Path(settings))
+    try:
+        report = receive_complete_uploads(read_portfolio(Path(service.portfolio)).buildings, service)
+    except IntakeBusyError as error:
+        log.info("%s", error)
+        return None
+    for upload in report.news:
+        level = logging.WARNING if upload.state in _NEEDS_A_PERSON else logging.INFO
+        log.log(level, "%s", describe_upload(upload))
+    for source in report.new_problems:
+        log.warning("%s: %s", source.building_id, source.problem)
+    return report
