@@ -47,7 +47,7 @@ def list_uploads(
     - received once nothing has changed for the quiet time (or the marker is there): its photographs are then in the
       building's folder of photographs, as campaign 2026-04 where its folder's name says so, else by the capture dates;
     - refused where something contradicts it: dates, positions, photographs that were received before. Do what the
-      message says, or answer in a file campaign.yaml (or the marker) in its folder: campaign: 2026-04, or accept: dates;
+      message says, or answer in a file campaign.yaml (or the marker) in it: campaign: 2026-04, or accept: dates;
     - failed where it could not be read or copied; it is tried again;
     - stalled where it has not become complete for days.
 

@@ -24,7 +24,7 @@ from facadelake.intake.ledger import Ledger
 from facadelake.intake.listing import ListedFile, compute_fingerprint
 from facadelake.intake.photograph_facts import FileFacts, collect_facts
 from facadelake.intake.source import UploadSource
-from facadelake.intake.staging import StagedCopy, add_files, find_changed, place_new, remove_staged, copy_to_staging
+from facadelake.intake.staging import StagedCopy, add_files, copy_to_staging, find_changed, place_new, remove_staged
 from facadelake.intake.upload import load_facts
 from facadelake.registry import Building
 

@@ -36,7 +36,8 @@ VERBS = frozenset(
     print probe project promote propagate propose prune publish put query quote raise rank rasterise reach read reassign
     receive recognise reconstruct record recover rectify reduce refine refuse register regrade reject release
     remove render repair replace report represent require resample resect reset resolve restart restore
-    restrict retrieve review rotate round run sample save scale scan score search seed segment select send separate serve set shade share shift show
+    restrict retrieve review rotate
+    round run sample save scale scan score search seed segment select send separate serve set shade share shift show
     shrink simplify smooth snap solve sort split square standardise start state step stop store straighten strip
     subdivide subtract suggest sum summarise suppress take test thin tile time tint trace track train transform
     translate triangulate trim trust try turn undistort union unite unpack update upload use validate verify view
