@@ -129,8 +129,8 @@ def _receive_of_building(
     loose = [file.path for file in listing.loose if classify_file(file) is FileKind.PHOTOGRAPH]
     if loose:
         return (
-            f"{len(loose)} photographs are in the source {source.location} itself, such as {loose[0]}; put them into a "
-            "folder, one for each campaign"
+            f"photographs are in the source {source.location} itself ({len(loose)}, such as {loose[0]}); put them into "
+            "a folder, one for each campaign"
         )
     return ""
 

@@ -73,6 +73,7 @@ UPLOADS = Table(
     Column("photographs", Integer, nullable=False),
     Column("files", Integer, nullable=False),
     Column("bytes", BigInteger, nullable=False),
+    Column("complete", Text, nullable=False, default=""),  # fingerprint of the files that were found complete last
     Column("examined", Text, nullable=False, default=""),  # fingerprint that the rows of FILES are of
     Column("judged", Text, nullable=False, default=""),  # fingerprint with the marker, when refused or failed
     Column("received", Text, nullable=False, default=""),  # the same when received last

@@ -104,6 +104,10 @@ def receive_upload(upload: CompleteUpload, around: Surroundings) -> Reception:
         else:
             staged, facts = _copy_and_examine(upload, wanted, fingerprint)
         judged = _judge(upload, facts, around)
+        gone = {path for path, one in known.items() if one.is_received} - {file.path for file in upload.files}
+        if gone and upload.campaign_id is not None:
+            line = f"{len(gone)} file{'s' * (len(gone) > 1)} went from the source; what was received stays"
+            judged = replace(judged, remarks=(*judged.remarks, line))
         if judged.problems or not facts:
             return replace(judged, facts=tuple(facts))
         if staged is None:

@@ -73,6 +73,7 @@ class UploadRow:
     reason: str = ""
     remarks: tuple[str, ...] = ()
     campaign_id: str | None = None
+    complete: str = ""
     examined: str = ""
     judged: str = ""
     received: str = ""

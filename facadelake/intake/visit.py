@@ -85,6 +85,7 @@ def visit_upload(visit: UploadVisit, settings: ServiceSettings, around: Surround
             state=UploadState.FAILED,
             reason=str(error),
             attempts=row.attempts + 1,
+            complete=compute_fingerprint(visit.content),
             judged=visit.fingerprint,
             retry_quiet_s=visit.observed.quiet_s + wait_s,
         )
@@ -105,10 +106,11 @@ def _advance(
         marker,
         quiet_s=quiet_minutes * 60,
         stalled_days=stalled_days,
-        is_answered=row.examined == content,
+        is_answered=row.complete == content,
     )
     if not found.is_complete:
         return _describe_waiting(row, found), ()
+    row = replace(row, complete=content)
     is_judged = row.state in (UploadState.FAILED, UploadState.REFUSED) and row.judged == visit.fingerprint
     if is_judged and visit.observed.quiet_s < row.retry_quiet_s:
         return row, ()
