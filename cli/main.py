@@ -23,6 +23,7 @@ from cli.options import (
     problems,
     read_portfolio_at,
 )
+from cli.service import commands
 from facadelake.core.checkout import CHECKOUT
 from facadelake.core.errors import FacadelakeError
 
@@ -217,16 +218,8 @@ def doctor(portfolio: PortfolioPath = DEFAULT_PORTFOLIO, lake: ExistingLakePath 
         raise typer.Exit(1)
 
 
-@app.command()
-def serve_prefect(
-    port: Annotated[int, typer.Option(min=1, max=65535, help="Port of Prefect's page on this machine.")] = 4200,
-    portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
-    lake: LakePath = DEFAULT_LAKE,
-) -> None:
-    """Run Prefect's server and the portfolio's schedules until Ctrl-C; its page shows runs, tables and pictures."""
-    from cli.prefect_server import serve_schedules
-
-    serve_schedules(console, read_portfolio_at(portfolio), portfolio=portfolio, lake=lake, port=port)
+for command in (commands.up, commands.down, commands.status, commands.deploy, commands.systemd_unit):
+    app.command()(command)
 
 
 # Caused by the path or the disk that the user named; any other OSError is a bug and shows its traceback.

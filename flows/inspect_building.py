@@ -15,6 +15,7 @@ from facadelake.core.code_version import compute_code_version, require_unchanged
 from facadelake.core.errors import FacadelakeError, HistoryOutdatedError
 from facadelake.lake import CommitResult
 from facadelake.registry import CocoDetectorSetting, read_portfolio
+from flows.running import HOOKS
 from schemas.vocabulary import SurfaceKind
 from tasks.commit import commit, publish
 from tasks.detect import detect
@@ -37,6 +38,8 @@ from tasks.without_model import make_as_built_model, place_building
 
 log = logging.getLogger("facadelake.flows")
 
+_MODULE = "flows.inspect_building"  # __name__ is another one where Prefect loads this file by its path
+
 _COMMIT_ATTEMPTS = 3
 
 
@@ -54,7 +57,7 @@ class InspectionResult:
     warnings: tuple[str, ...]
 
 
-@flow(name="inspect-building", flow_run_name="{building_id} {campaign_id}", validate_parameters=True)
+@flow(name="inspect-building", flow_run_name="{building_id} {campaign_id}", validate_parameters=True, **HOOKS)
 def inspect_building(
     building_id: str,
     campaign_id: str = LATEST,
@@ -92,7 +95,7 @@ def inspect_building(
         campaign_id=campaign,
         run_id=f"{started_at:%Y%m%dT%H%M%SZ}-{uuid4().hex[:8]}",
         started_at=started_at,
-        code_sha256=compute_code_version(__name__).sha256,
+        code_sha256=compute_code_version(_MODULE).sha256,
         lake=Path(lake).resolve(),
         control=plan.control,
         detections=detections,
@@ -162,7 +165,7 @@ def _commit_tracked(job: InspectionJob, results: StageResults) -> tuple[TrackedC
     for attempts_left in reversed(range(_COMMIT_ATTEMPTS)):
         tracked = track(job, results)
         checks = validate_tables(job, results, tracked.stage)
-        require_unchanged_code(__name__)
+        require_unchanged_code(_MODULE)
         try:
             return tracked, checks, commit(job, results, tracked, checks)
         except HistoryOutdatedError:

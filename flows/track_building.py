@@ -13,10 +13,13 @@ from facadelake.campaigns import LATEST, resolve_campaign
 from facadelake.core.code_version import compute_code_version, require_unchanged_code
 from facadelake.core.errors import InputDataError
 from facadelake.registry import read_portfolio
+from flows.running import HOOKS
 from schemas.vocabulary import SurfaceKind
 from tasks.job import InspectionJob, StageResult
 from tasks.load_model import load_model
 from tasks.track import commit_tracks, track_committed
+
+_MODULE = "flows.track_building"  # __name__ is another one where Prefect loads this file by its path
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +32,7 @@ class TrackingResult:
     warnings: tuple[str, ...]
 
 
-@flow(name="track-building", flow_run_name="{building_id}", validate_parameters=True)
+@flow(name="track-building", flow_run_name="{building_id}", validate_parameters=True, **HOOKS)
 def track_building(building_id: str, portfolio: str = "data/portfolio.yaml", lake: str = "lake") -> TrackingResult:
     """Follow the defects of a building through all its campaigns in the lake; ids of known tracks stay.
 
@@ -52,11 +55,11 @@ def track_building(building_id: str, portfolio: str = "data/portfolio.yaml", lak
         campaign_id=resolve_campaign(building, LATEST),
         run_id=f"{started_at:%Y%m%dT%H%M%SZ}-{uuid4().hex[:8]}",
         started_at=started_at,
-        code_sha256=compute_code_version(__name__).sha256,
+        code_sha256=compute_code_version(_MODULE).sha256,
         lake=Path(lake).resolve(),
     )
     tracked = track_committed(job, load_model(job))
-    require_unchanged_code(__name__)
+    require_unchanged_code(_MODULE)
     return TrackingResult(
         building_id=building_id,
         version=commit_tracks(job, tracked),

@@ -13,5 +13,6 @@ from .settings import OnnxDetectorSetting as OnnxDetectorSetting
 from .settings import PositionsSetting as PositionsSetting
 from .settings import RecallBySize as RecallBySize
 from .settings import StrictModel as StrictModel
+from .settings import Schedule as Schedule
 from .surface_kinds import UNITS_M as UNITS_M
 from .surface_kinds import find_buffer_files as find_buffer_files

@@ -1,0 +1,130 @@
+"""What the service does: read from its processes and Prefect's server, and shown in the terminal."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table as RichTable
+
+from cli.prefect_server import configure_prefect, find_running_server
+from cli.service.supervisor import find_service
+from facadelake.registry import ServiceSettings
+
+_LISTED = 8  # runs of a kind
+_WORKER_SILENCE_MAX = timedelta(seconds=90)  # a worker reports every 30 s
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunLine:
+    """A run in the list: its name and state, and when it began, is expected, or ended."""
+
+    name: str
+    state: str
+    at: datetime | None
+    message: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServiceStatus:
+    """What the service does. ``workers``: name and last sign of life of each; ``address`` None: no server answers."""
+
+    pid: int | None
+    address: str | None
+    workers: Sequence[tuple[str, datetime]] = ()
+    deployments: int = 0
+    running: Sequence[RunLine] = ()
+    coming: Sequence[RunLine] = ()
+    failed: Sequence[RunLine] = ()
+
+    @property
+    def is_well(self) -> bool:
+        """Whether the server answers and a worker has reported lately."""
+        now = datetime.now(UTC)
+        return self.address is not None and any(now - seen < _WORKER_SILENCE_MAX for _, seen in self.workers)
+
+
+def read_status(settings: ServiceSettings) -> ServiceStatus:
+    """Ask the supervisor's file and Prefect's server."""
+    lake = Path(settings.lake)
+    service = find_service(lake)
+    pid = service.pid if service else None
+    address = os.environ.get("PREFECT_API_URL") or find_running_server(lake)
+    if address is None:
+        return ServiceStatus(pid=pid, address=None)
+    configure_prefect(lake)
+    from prefect.client.orchestration import get_client
+    from prefect.client.schemas import filters
+    from prefect.client.schemas.objects import StateType
+    from prefect.client.schemas.sorting import FlowRunSort
+    from prefect.exceptions import ObjectNotFound
+
+    from flows.deployments import POOL, TAG
+
+    with get_client(sync_client=True) as client:
+
+        def list_runs(states: list[StateType], sort: FlowRunSort) -> list[RunLine]:
+            kind = filters.FlowRunFilterState(type=filters.FlowRunFilterStateType(any_=states))
+            own = filters.FlowRunFilter(state=kind, deployment_id=filters.FlowRunFilterDeploymentId(is_null_=False))
+            return [_make_line(run) for run in client.read_flow_runs(flow_run_filter=own, sort=sort, limit=_LISTED)]
+
+        try:
+            workers = client.read_workers_for_work_pool(POOL)
+        except ObjectNotFound:
+            workers = []
+        tagged = filters.DeploymentFilter(tags=filters.DeploymentFilterTags(all_=[TAG]))
+        return ServiceStatus(
+            pid=pid,
+            address=address,
+            workers=[(one.name, one.last_heartbeat_time) for one in workers if one.last_heartbeat_time],
+            deployments=len(client.read_deployments(deployment_filter=tagged)),
+            running=list_runs(
+                [StateType.RUNNING, StateType.PENDING, StateType.CANCELLING], FlowRunSort.START_TIME_DESC
+            ),
+            coming=list_runs([StateType.SCHEDULED], FlowRunSort.EXPECTED_START_TIME_ASC),
+            failed=list_runs([StateType.FAILED, StateType.CRASHED], FlowRunSort.END_TIME_DESC),
+        )
+
+
+def _make_line(run: Any) -> RunLine:
+    message = (run.state.message or "").splitlines() if run.state else []
+    return RunLine(
+        name=run.name,
+        state=run.state_name or "unknown",
+        at=run.end_time or run.start_time or run.expected_start_time,
+        message=message[0] if message else "",
+    )
+
+
+def show_status(console: Console, status: ServiceStatus) -> None:
+    """Print the status."""
+    table = RichTable(show_header=False, box=None, pad_edge=False)
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column(overflow="fold")
+    table.add_row("service", f"runs (process {status.pid})" if status.pid else "[red]does not run[/red]; facadelake up")
+    page = status.address.removesuffix("/api") if status.address else "[red]does not answer[/red]"
+    table.add_row("Prefect's page", page)
+    if status.address is not None:
+        now = datetime.now(UTC)
+        lines = [
+            escape(f"{name}, reported {(now - seen).total_seconds():.0f} s ago")
+            + ("" if now - seen < _WORKER_SILENCE_MAX else " [red](silent)[/red]")
+            for name, seen in status.workers
+        ]
+        table.add_row("workers", "\n".join(lines) or "[red]none[/red]")
+        table.add_row("deployments", str(status.deployments))
+        for title, runs in (("running", status.running), ("next", status.coming), ("failed last", status.failed)):
+            table.add_row(title, "\n".join(escape(_format_line(run)) for run in runs) or "none")
+    console.print(table, highlight=False)
+
+
+def _format_line(run: RunLine) -> str:
+    at = f"{run.at.astimezone():%Y-%m-%d %H:%M:%S %Z} " if run.at else ""
+    said = f": {run.message}" if run.message and run.state not in ("Running", "Scheduled") else ""
+    return f"{at}{run.name} ({run.state}){said}"
