@@ -22,6 +22,7 @@ from facadelake.core.errors import InputDataError
 from facadelake.registry import Portfolio, Schedule, ServiceSettings
 from flows.inspect_building import inspect_building
 from flows.inspect_portfolio import inspect_portfolio
+from flows.receive_uploads import receive_uploads
 
 POOL = "facadelake"
 # Queues of the pool, and which is served first. Intake and the closing of runs never wait for an inspection.
@@ -92,6 +93,14 @@ def list_specs(portfolio: Portfolio, settings: ServiceSettings, settings_file: s
     """
     own = {"settings": settings_file}
     service = [
+        DeploymentSpec(
+            flow=receive_uploads,
+            name="all",
+            queue="service",
+            parameters=own,
+            schedule=60 * settings.intake.every_minutes,
+            description="Uploads of all buildings: what is complete is checked and becomes a campaign.",
+        ),
         DeploymentSpec(
             flow=inspect_portfolio,
             name="all",

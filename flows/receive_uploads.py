@@ -9,13 +9,14 @@ from prefect import flow
 
 from facadelake.intake import IntakeBusyError, IntakeReport, UploadState, describe_upload, receive_complete_uploads
 from facadelake.registry import SETTINGS_FILE, read_portfolio, read_service_settings
+from flows.running import HOOKS
 
 log = logging.getLogger("facadelake.flows")
 
 _NEEDS_A_PERSON = (UploadState.REFUSED, UploadState.FAILED, UploadState.STALLED)
 
 
-@flow(name="receive-uploads", flow_run_name="intake", validate_parameters=True)
+@flow(name="receive-uploads", flow_run_name="intake", validate_parameters=True, **HOOKS)
 def receive_uploads(settings: str = SETTINGS_FILE) -> IntakeReport | None:
     """Observe all sources once, and receive what is complete; a line of the log for each upload with news.
 

@@ -12,7 +12,7 @@ from .settings import Identifier as Identifier
 from .settings import OnnxDetectorSetting as OnnxDetectorSetting
 from .settings import PositionsSetting as PositionsSetting
 from .settings import RecallBySize as RecallBySize
-from .settings import StrictModel as StrictModel
 from .settings import Schedule as Schedule
+from .settings import StrictModel as StrictModel
 from .surface_kinds import UNITS_M as UNITS_M
 from .surface_kinds import find_buffer_files as find_buffer_files
