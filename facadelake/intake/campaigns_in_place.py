@@ -11,6 +11,7 @@ from facadelake.intake.ledger import open_ledger
 from facadelake.intake.listing import compute_fingerprint, list_folder, sum_bytes
 from facadelake.intake.observation_time import ObservationTime, read_clock
 from facadelake.intake.observed_folders import FolderKey, observe_folder
+from facadelake.intake.upload import UploadState, find_states
 from facadelake.registry import Building, ServiceSettings
 
 _PLACE = "photographs"
@@ -65,11 +66,15 @@ def observe_campaign(
     key = FolderKey(building_id=building.id, place=_PLACE, name=campaign_id)
     with open_ledger(settings).begin() as connection:
         observed = observe_folder(connection, key, compute_fingerprint(files), at or read_clock())
+        states = find_states(connection, building.id, campaign_id)
     needed_s = settings.intake.quiet_minutes * 60
-    is_settled = bool(files) and observed.quiet_s >= needed_s
+    arriving = sorted(folder for folder, state in states.items() if state is UploadState.GROWING)
+    is_settled = bool(files) and not arriving and (bool(states) or observed.quiet_s >= needed_s)
     explanation = ""
     if not files:
         explanation = "its folder is empty"
+    elif arriving:
+        explanation = f"more photographs of it are arriving (upload '{arriving[0]}')"
     elif not is_settled:
         explanation = (
             f"its folder has been without a change for {observed.quiet_s / 60:.0f} of "

@@ -31,6 +31,7 @@ from sqlalchemy import (
     text,
 )
 from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.pool import NullPool
 
 from facadelake.core.errors import StoreError
 from facadelake.registry import ServiceSettings
@@ -172,7 +173,7 @@ def open_ledger(settings: ServiceSettings) -> Ledger:
     if settings.database is not None:
         address = settings.database.replace("postgres://", "postgresql://", 1)
         ledger = Ledger(
-            engine=create_engine(address.replace("postgresql://", "postgresql+pg8000://", 1), pool_pre_ping=True),
+            engine=create_engine(address.replace("postgresql://", "postgresql+pg8000://", 1), poolclass=NullPool),
             lock_file=None,
         )
     else:
@@ -199,7 +200,7 @@ def open_ledger(settings: ServiceSettings) -> Ledger:
 
 def _connect_sqlite(path: Path) -> Engine:
     """An engine whose transactions take the write lock at their begin: two that read and then write wait in turn."""
-    engine = create_engine(f"sqlite:///{path}", connect_args={"timeout": _BUSY_TIMEOUT_S})
+    engine = create_engine(f"sqlite:///{path}", connect_args={"timeout": _BUSY_TIMEOUT_S}, poolclass=NullPool)
 
     @event.listens_for(engine, "connect")
     def _leave_transactions_to_us(connection: Any, _record: object) -> None:

@@ -52,7 +52,11 @@ def list_folder(filesystem: fs.FileSystem, root: str) -> list[ListedFile]:
 
 def _walk(filesystem: fs.FileSystem, folder: str) -> Iterator[Any]:
     if not isinstance(filesystem, fs.LocalFileSystem):
-        yield from filesystem.get_file_info(fs.FileSelector(folder, recursive=True))
+        # A prefix under which nothing has arrived yet is not there; a bucket that is not there is a mistake.
+        infos = filesystem.get_file_info(fs.FileSelector(folder, recursive=True, allow_not_found=True))
+        if not infos:
+            _require_bucket(filesystem, folder.strip("/").partition("/")[0])
+        yield from infos
         return
     for info in filesystem.get_file_info(fs.FileSelector(folder)):
         if Path(info.path).is_symlink():
@@ -61,6 +65,15 @@ def _walk(filesystem: fs.FileSystem, folder: str) -> Iterator[Any]:
             yield from _walk(filesystem, info.path)
         else:
             yield info
+
+
+def _require_bucket(filesystem: fs.FileSystem, bucket: str) -> None:
+    try:
+        is_missing = filesystem.get_file_info(bucket).type == fs.FileType.NotFound
+    except OSError:  # a policy may allow to list the prefix alone, as was done
+        return
+    if is_missing:
+        raise FileNotFoundError(f"NO_SUCH_BUCKET: there is no bucket '{bucket}', or it may not be seen")
 
 
 def _is_of_system(path: str) -> bool:

@@ -175,6 +175,18 @@ def read_source_problems(connection: Connection) -> tuple[SourceProblem, ...]:
     return tuple(SourceProblem(building_id=row.building_id, source=row.source, problem=row.problem) for row in rows)
 
 
+def find_states(connection: Connection, building_id: str, campaign_id: str) -> dict[str, UploadState]:
+    """The states of the uploads that were received as a campaign, by their folders."""
+    rows = connection.execute(
+        select(FOLDERS.c.name, UPLOADS.c.state)
+        .join_from(FOLDERS, UPLOADS)
+        .where(
+            and_(FOLDERS.c.building_id == building_id, UPLOADS.c.campaign_id == campaign_id, UPLOADS.c.received != "")
+        )
+    )
+    return {row.name: UploadState(row.state) for row in rows}
+
+
 def list_uploads(settings: ServiceSettings) -> tuple[tuple[Upload, ...], tuple[SourceProblem, ...]]:
     """All uploads and all problems of sources, as of the last pass. Raises StoreError: the ledger cannot be read."""
     with open_ledger(settings).begin() as connection:

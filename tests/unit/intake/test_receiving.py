@@ -8,7 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from facadelake.intake import IntakeBusyError, UploadState, list_uploads
+from facadelake.intake import (
+    IntakeBusyError,
+    UploadState,
+    list_uploads,
+    observe_campaign,
+    receive_complete_uploads,
+)
 from facadelake.intake.ledger import open_ledger
 from tests.unit.intake.made_uploads import MadePlace, get_upload
 from tests.unit.photos.small_photographs import photograph
@@ -203,3 +209,27 @@ def test_an_upload_that_goes_before_it_is_complete_is_told(place: MadePlace) -> 
     report = place.run_pass()
     assert get_upload(report, "2026-04").state is UploadState.REMOVED
     assert len(report.news) == 1 and place.run_pass().news == ()
+
+
+def test_a_received_campaign_is_settled_at_once_unless_more_photographs_arrive(place: MadePlace) -> None:
+    place.upload_photographs("2026-04", range(2))
+    place.run_until_quiet()
+    assert observe_campaign(place.get_building(), "2026-04", place.settings, place.clock()).is_settled
+    place.upload_photographs("2026-04", range(2, 4))
+    place.run_pass()
+    arriving = observe_campaign(place.get_building(), "2026-04", place.settings, place.clock())
+    assert not arriving.is_settled
+    assert arriving.explanation == "more photographs of it are arriving (upload '2026-04')"
+    place.run_pass(minutes=30)
+    assert observe_campaign(place.get_building(), "2026-04", place.settings, place.clock()).is_settled
+
+
+def test_a_pass_observes_the_campaigns_of_buildings_without_an_intake(place: MadePlace) -> None:
+    building = place.get_building().model_copy(update={"intake": None})
+    folder = building.place_photographs("2026-04")
+    folder.mkdir(parents=True)
+    (folder / "1.JPG").write_bytes(photograph(48.9405, 8.4078))
+    for _ in range(2):
+        receive_complete_uploads([building], place.settings, place.clock)
+        place.clock.advance(minutes=30)
+    assert observe_campaign(building, "2026-04", place.settings, place.clock()).quiet_s == 3600
