@@ -141,10 +141,10 @@ def check_position(
     positions = [(one.lon_deg, one.lat_deg) for one in facts if one.has_position]
     if not positions:
         return Findings(remarks=("no photograph has a position: not compared with the place of the building",))
+    distances = {name: _measure_m(positions, place) for name, place in places.items()}
     own = places.get(building_id)
     if own is None:
-        return Findings(remarks=("the place of the building is not known yet: positions are not compared",))
-    distances = {name: _measure_m(positions, place) for name, place in places.items()}
+        return Findings(remarks=(_describe_unplaced(distances, len(positions)),))
     strays = []
     nearest: Counter[str] = Counter()
     for index, distance_m in enumerate(distances[building_id]):
@@ -177,6 +177,16 @@ def check_position(
             f"{line}: {remedy}, or, if they do show '{building_id}', write 'accept: [position]' into {answer_file}",
         )
     )
+
+
+def _describe_unplaced(distances: Mapping[str, Sequence[float]], count: int) -> str:
+    """What is known of photographs of a building whose own place is unknown."""
+    line = "the place of the building is not known yet: positions are not compared"
+    away_m = {name: median(values) for name, values in distances.items()}
+    nearest = min(away_m, key=away_m.__getitem__, default="")
+    if nearest and away_m[nearest] <= _REACH_M:
+        line += f" with it; building '{nearest}' is {away_m[nearest]:,.0f} m from them (median of {count})"
+    return line
 
 
 def _measure_m(positions: Sequence[tuple[float, float]], place: BuildingPlace) -> list[float]:

@@ -20,7 +20,7 @@ from facadelake.intake.observation_time import ObservationTime, read_clock
 from facadelake.intake.observed_folders import FolderKey, ObservedFolder, observe_folder
 from facadelake.intake.receive import Surroundings
 from facadelake.intake.source import UploadSource, open_source
-from facadelake.intake.upload import SourceProblem, Upload, UploadState, read_source_problems, read_uploads
+from facadelake.intake.upload import SourceProblem, Upload, UploadState, read_source_problems, read_uploads, take_news
 from facadelake.intake.visit import UploadVisit, visit_upload
 from facadelake.registry import Building, ServiceSettings
 
@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class IntakeReport:
-    """A pass: all uploads, and what is new since the pass before.
+    """A pass: all uploads, and what is new since the last pass that ended.
 
     ``news`` are uploads that are new, or whose state, reason or remarks changed; ``problems`` are those of sources,
     ``new_problems`` of them what is new.
@@ -67,8 +67,6 @@ def receive_complete_uploads(
     """
     ledger = open_ledger(settings)
     with ledger.hold():
-        with ledger.begin() as connection:
-            before, problems_before = read_uploads(connection), read_source_problems(connection)
         now = datetime.fromtimestamp(clock().unix_s, tz=UTC).replace(tzinfo=None)
         around = Surroundings(
             ledger=ledger,
@@ -76,20 +74,21 @@ def receive_complete_uploads(
             places=find_places(buildings, Path(settings.lake)),
             now=now,
         )
+        _forget_left(ledger, buildings)
         for building in buildings:
             if building.intake is None:
                 _observe_campaigns(building, settings, clock())
                 continue
             problem = _receive_of_building(building, settings, around, clock, open_location)
-            _save_problem(ledger, building, problem, clock())
+            _save_problem(ledger, building, problem)
         with ledger.begin() as connection:
-            after, problems = read_uploads(connection), read_source_problems(connection)
-    return IntakeReport(
-        uploads=after,
-        news=_find_news(before, after),
-        problems=problems,
-        new_problems=tuple(one for one in problems if one not in problems_before),
-    )
+            news, new_problems = take_news(connection)
+            return IntakeReport(
+                uploads=read_uploads(connection),
+                news=news,
+                problems=read_source_problems(connection),
+                new_problems=new_problems,
+            )
 
 
 def _observe_campaigns(building: Building, settings: ServiceSettings, at: ObservationTime) -> None:
@@ -154,23 +153,23 @@ def _mark_removed(
         connection.execute(UPLOADS.update().where(UPLOADS.c.folder_id == row.id).values(**values))
 
 
-def _save_problem(ledger: Ledger, building: Building, problem: str, at: ObservationTime) -> None:
-    assert building.intake is not None
+def _forget_left(ledger: Ledger, buildings: Sequence[Building]) -> None:
+    """Uploads of sources that the portfolio names no more are in no source, and those sources have no problem."""
+    sources = {building.id: building.intake.source for building in buildings if building.intake is not None}
     with ledger.begin() as connection:
-        connection.execute(SOURCES.delete().where(SOURCES.c.building_id == building.id))
-        if problem:
-            values = {"building_id": building.id, "source": building.intake.source, "problem": problem}
-            connection.execute(SOURCES.insert().values(**values, since_s=at.unix_s))
+        rows = connection.execute(
+            select(FOLDERS.c.id, FOLDERS.c.building_id, FOLDERS.c.place).join_from(FOLDERS, UPLOADS)
+        )
+        for row in rows.all():
+            if sources.get(row.building_id) != row.place:
+                connection.execute(UPLOADS.update().where(UPLOADS.c.folder_id == row.id).values(in_source=False))
+        connection.execute(SOURCES.delete().where(SOURCES.c.building_id.not_in(list(sources))))
 
 
-def _find_news(before: Sequence[Upload], after: Sequence[Upload]) -> tuple[Upload, ...]:
-    """Uploads of which there is something to tell. How long one has been waited for is none."""
-    known = {_describe_news(one) for one in before}
-    return tuple(one for one in after if _describe_news(one) not in known)
-
-
-def _describe_news(upload: Upload) -> tuple[object, ...]:
-    place = (upload.building_id, upload.source, upload.folder, upload.state)
-    if upload.state is UploadState.GROWING:
-        return place
-    return (*place, upload.reason, upload.remarks, upload.campaign_id, upload.received_at)
+def _save_problem(ledger: Ledger, building: Building, problem: str) -> None:
+    assert building.intake is not None
+    values = {"source": building.intake.source, "problem": problem}
+    with ledger.begin() as connection:
+        changed = connection.execute(SOURCES.update().where(SOURCES.c.building_id == building.id).values(**values))
+        if not changed.rowcount:
+            connection.execute(SOURCES.insert().values(building_id=building.id, **values))

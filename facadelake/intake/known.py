@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import re
 from collections import defaultdict
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -78,9 +78,16 @@ def find_inspected(sha256: Collection[str], lake: Path) -> dict[tuple[str, str],
     return {key: frozenset(values) for key, values in found.items()}
 
 
-def _query_rows(lake: Path, sql: str) -> list[dict[str, Any]]:
+def find_campaign_photographs(building_id: str, campaign_id: str, lake: Path) -> frozenset[str]:
+    """The photographs of a campaign in the lake; empty where it has none."""
+    named = {"building_id": building_id, "campaign_id": campaign_id}
+    sql = "SELECT sha256 FROM photos WHERE building_id = $building_id AND campaign_id = $campaign_id"
+    return frozenset(row["sha256"] for row in _query_rows(lake, sql, named))
+
+
+def _query_rows(lake: Path, sql: str, parameters: Mapping[str, str] | None = None) -> list[dict[str, Any]]:
     try:
-        return query(lake, sql).to_pylist() if has_lake(lake) else []
+        return query(lake, sql, parameters).to_pylist() if has_lake(lake) else []
     except FacadelakeError as error:  # photographs arrive while the lake is moved, migrated or restored
         log.warning("the lake cannot be asked for buildings and photographs: %s", error)
         return []

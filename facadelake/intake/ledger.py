@@ -82,6 +82,7 @@ UPLOADS = Table(
     Column("attempts", Integer, nullable=False, default=0),
     Column("retry_quiet_s", Float, nullable=False, default=0.0),
     Column("in_source", Boolean, nullable=False, default=True),
+    Column("told", Text, nullable=False, default=""),  # what the last finished pass told of it
 )
 FILES = Table(
     "intake_files",
@@ -104,7 +105,7 @@ SOURCES = Table(
     Column("building_id", Text, primary_key=True),
     Column("source", Text, nullable=False),
     Column("problem", Text, nullable=False),
-    Column("since_s", Float, nullable=False),
+    Column("told", Text, nullable=False, default=""),
 )
 
 

@@ -19,7 +19,7 @@ from facadelake.intake.checks import (
     check_position,
 )
 from facadelake.intake.file_kinds import FileKind, classify_file
-from facadelake.intake.known import find_inspected, find_received, hash_photographs
+from facadelake.intake.known import find_campaign_photographs, find_inspected, find_received, hash_photographs
 from facadelake.intake.ledger import Ledger
 from facadelake.intake.listing import ListedFile, compute_fingerprint
 from facadelake.intake.photograph_facts import FileFacts, collect_facts
@@ -211,6 +211,7 @@ def _compare_with_others(
     if campaign_id is None or upload.campaign_id is not None or found.problems:
         return found
     there = hash_photographs(upload.building.place_photographs(campaign_id))
+    there = there or find_campaign_photographs(upload.building.id, campaign_id, around.lake)
     shared = len(own & there)
     is_same = shared >= _SAME_SHARE * min(len(own), len(there)) and not any(one.in_source for one in others)
     if not there or is_same or "addition" in upload.answer.accept:

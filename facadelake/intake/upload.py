@@ -88,7 +88,7 @@ def load_row(connection: Connection, folder_id: int) -> UploadRow | None:
     row = connection.execute(select(UPLOADS).where(UPLOADS.c.folder_id == folder_id)).mappings().one_or_none()
     if row is None:
         return None
-    values = {key: row[key] for key in row if key != "folder_id"}
+    values = {key: row[key] for key in row if key not in ("folder_id", "told")}
     return UploadRow(
         **values
         | {"state": UploadState(values["state"]), "remarks": tuple(filter(None, values["remarks"].split("\n")))}
@@ -173,6 +173,40 @@ def read_source_problems(connection: Connection) -> tuple[SourceProblem, ...]:
     """What is wrong with sources, by building."""
     rows = connection.execute(select(SOURCES).where(SOURCES.c.problem != "").order_by(SOURCES.c.building_id))
     return tuple(SourceProblem(building_id=row.building_id, source=row.source, problem=row.problem) for row in rows)
+
+
+def take_news(connection: Connection) -> tuple[tuple[Upload, ...], tuple[SourceProblem, ...]]:
+    """Uploads and problems of sources of which there is something new to tell, which they are then no more.
+
+    How long an upload has been waited for is no news.
+    """
+    told_of = {
+        (row.building_id, row.place, row.name): row
+        for row in connection.execute(
+            select(
+                FOLDERS.c.building_id, FOLDERS.c.place, FOLDERS.c.name, UPLOADS.c.folder_id, UPLOADS.c.told
+            ).join_from(FOLDERS, UPLOADS)
+        )
+    }
+    news = []
+    for upload in read_uploads(connection):
+        row, text = told_of[upload.building_id, upload.source, upload.folder], _describe_news(upload)
+        if row.told != text:
+            news.append(upload)
+            connection.execute(UPLOADS.update().where(UPLOADS.c.folder_id == row.folder_id).values(told=text))
+    untold = connection.execute(select(SOURCES).where(SOURCES.c.problem != SOURCES.c.told)).all()
+    for source in untold:
+        connection.execute(
+            SOURCES.update().where(SOURCES.c.building_id == source.building_id).values(told=source.problem)
+        )
+    names = {source.building_id for source in untold}
+    return tuple(news), tuple(one for one in read_source_problems(connection) if one.building_id in names)
+
+
+def _describe_news(upload: Upload) -> str:
+    if upload.state is UploadState.GROWING:
+        return upload.state
+    return "\n".join([upload.state, upload.reason, *upload.remarks, str(upload.campaign_id), str(upload.received_at)])
 
 
 def find_states(connection: Connection, building_id: str, campaign_id: str) -> dict[str, UploadState]:

@@ -48,6 +48,7 @@ class MadePlace:
     marker: str | None = None
     origins: bool = False
     apart_deg: float = 0.0135
+    sources: str = "uploads"
     clock: TurnedClock = field(default_factory=TurnedClock)
 
     @property
@@ -63,7 +64,7 @@ class MadePlace:
             name=building_id,
             model=f"{building_id}.ifc",
             photographs=str(self.root / "photographs" / building_id / "{campaign}"),
-            intake=IntakeSetting(source=str(self.root / "uploads" / building_id), marker=self.marker),
+            intake=IntakeSetting(source=str(self.root / self.sources / building_id), marker=self.marker),
         )
 
     def run_pass(self, minutes: float = 5) -> IntakeReport:
@@ -82,7 +83,7 @@ class MadePlace:
 
     def upload(self, path: str, content: bytes, building_id: str = "mill") -> Path:
         """Write a file below a building's source."""
-        file = self.root / "uploads" / building_id / path
+        file = self.root / self.sources / building_id / path
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(content)
         return file
