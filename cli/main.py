@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from cli import cache, detectors, evaluation, history, intake, results, reviews
+from cli import cache, detectors, evaluation, history, intake, portfolio, results, reviews
 from cli.options import (
     DEFAULT_LAKE,
     DEFAULT_PORTFOLIO,
@@ -122,6 +122,9 @@ def inspect(
         poses=str(poses.resolve()) if poses else None,
     )
     show_inspection(console, lake, result)
+
+
+app.command()(portfolio.inspect_portfolio)
 
 
 @app.command()

@@ -145,3 +145,9 @@ _.facadelake
 
 # What ast.NodeVisitor calls (core/source_code)
 _.visit_JoinedStr
+
+# Read by Prefect of the task that stands for a nested flow run (flows/campaign_runs.py)
+_._is_subflow_tracking_task
+
+# Field of a report (scheduling), read as JSON
+_.need_mib

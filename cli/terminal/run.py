@@ -141,7 +141,7 @@ def inspect_in_terminal(console: Console, *, portfolio: Path, lake: Path, **para
 
         return inspect_building
 
-    return _run_flow(console, load, portfolio=portfolio, lake=lake, **parameters)
+    return run_flow(console, load, portfolio=portfolio, lake=lake, **parameters)
 
 
 def track_in_terminal(console: Console, *, portfolio: Path, lake: Path, building_id: str) -> TrackingResult:
@@ -152,28 +152,41 @@ def track_in_terminal(console: Console, *, portfolio: Path, lake: Path, building
 
         return track_building
 
-    return _run_flow(console, load, portfolio=portfolio, lake=lake, building_id=building_id)
+    return run_flow(console, load, portfolio=portfolio, lake=lake, building_id=building_id)
 
 
-def _run_flow(
+def run_flow(
     console: Console, load: Callable[[], Callable[..., R]], *, portfolio: Path, lake: Path, **parameters: Any
 ) -> R:
-    """Run a flow, which ``load`` imports, with progress bars and quiet logs."""
+    """Run a flow in this process, with progress bars and quiet logs; its errors are raised unchanged.
+
+    Args:
+        console: where the bars and the log lines are printed.
+        load: imports the flow.
+        portfolio: path of the portfolio.
+        lake: folder of the lake.
+        **parameters: others of the flow.
+
+    Returns:
+        The flow's result.
+    """
     os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")  # main() prints the error, once
     configure_prefect(lake)
     with handle_interrupts(console), ProgressBars(console) as bars, listen_to_progress(bars):
         bars.wait("Starting Prefect")
         flow = load()
-        log = logging.getLogger("facadelake.tasks")
+        logs = [logging.getLogger(name) for name in ("facadelake.tasks", "facadelake.flows")]
         handler = _BarsLog(bars)
-        log.addHandler(handler)
-        log.setLevel(logging.INFO)
+        for log in logs:
+            log.addHandler(handler)
+            log.setLevel(logging.INFO)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # deprecation warnings of libraries are for developers
                 return flow(portfolio=str(portfolio.resolve()), lake=str(lake.resolve()), **parameters)
         finally:
-            log.removeHandler(handler)
+            for log in logs:
+                log.removeHandler(handler)
 
 
 def make_demo_in_terminal(

@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from datetime import datetime
 from itertools import islice
 from pathlib import Path
 from typing import TextIO
@@ -16,6 +17,7 @@ from PIL import Image, UnidentifiedImageError
 
 from facadelake.core.errors import InputDataError
 from facadelake.core.hashing import hash_file
+from facadelake.photos.clock import is_clock_set
 from facadelake.photos.drone_xmp import DroneMetadata, parse_drone_metadata
 from facadelake.photos.exif import ExifMetadata, read_exif
 from facadelake.photos.files import FORMATS_BY_SUFFIX, explain_unsupported
@@ -177,3 +179,36 @@ def read_photos(paths: list[Path]) -> Iterator[Photo]:
         while submitted:
             yield submitted.pop(0).result()
             submitted.extend(pool.submit(read_photo, path) for path in islice(remaining, 1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhotographSummary:
+    """First and last capture time (None: no photograph tells one), and the pixels of the largest photograph."""
+
+    captured_from: datetime | None
+    captured_to: datetime | None
+    largest_px: int
+
+
+def summarise_photographs(paths: Iterable[Path]) -> PhotographSummary:
+    """Summarise the headers of photographs, in milliseconds each, for planning; pixels are not decoded.
+
+    A file that cannot be opened is left out.
+    """
+    times: list[datetime] = []
+    largest = 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the inspection tells what is wrong with a file
+        for path in paths:
+            try:
+                with Image.open(path) as image:
+                    width, height = image.size
+                    taken_at = read_exif(image.getexif(), width_px=width).taken_at
+            except Exception:  # Pillow raises whatever damaged bytes lead to
+                continue
+            largest = max(largest, width * height)
+            if taken_at is not None and is_clock_set(taken_at):
+                times.append(taken_at)
+    return PhotographSummary(
+        captured_from=min(times, default=None), captured_to=max(times, default=None), largest_px=largest
+    )

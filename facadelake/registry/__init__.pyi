@@ -2,6 +2,8 @@ from .building import Building as Building
 from .portfolio import Portfolio as Portfolio
 from .portfolio import read_portfolio as read_portfolio
 from .service import SETTINGS_FILE as SETTINGS_FILE
+from .service import NotifySetting as NotifySetting
+from .service import RunLimits as RunLimits
 from .service import ServiceSettings as ServiceSettings
 from .service import read_service_settings as read_service_settings
 from .settings import DEFAULT_MODEL as DEFAULT_MODEL

@@ -27,6 +27,10 @@ class StrictModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
+_CRON_REMEDY = "use five fields: minute hour day month weekday, such as '0 6 1 4,10 *'"
+_NO_DATE = "no date: there is no day {day} in month {month}; give days that the months have, or L for their last one"
+
+
 def _check_time_zone(name: str) -> str:
     try:
         ZoneInfo(name)
@@ -36,12 +40,26 @@ def _check_time_zone(name: str) -> str:
 
 
 def _check_cron(expression: str) -> str:
+    fields = expression.split()
+    # A sixth field is the seconds, before the others for some programs and after them for Prefect.
+    if len(fields) != 5:
+        raise ValueError(f"not a cron expression ({len(fields)} fields); {_CRON_REMEDY}")
     try:
-        CronSim(expression, datetime(2026, 1, 1, tzinfo=UTC))
+        next(CronSim(expression, datetime(2026, 1, 1, tzinfo=UTC)))
     except CronSimError as error:
+        if "day-of-month" in str(error) and re.fullmatch(r"[\d,-]+", fields[2]):
+            raise ValueError(_NO_DATE.format(day=fields[2], month=fields[3])) from error
+        raise ValueError(f"not a cron expression ({error}); {_CRON_REMEDY}") from error
+    except StopIteration as error:
+        raise ValueError(_NO_DATE.format(day=fields[2], month=fields[3])) from error
+    day, weekday = fields[2], fields[4]
+    if "*" not in (day, weekday) and (day.startswith("*") or weekday.startswith("*")):
         raise ValueError(
-            f"not a cron expression ({error}); use five fields: minute hour day month weekday, such as '0 6 1 4,10 *'"
-        ) from error
+            f"day '{day}' and weekday '{weekday}': cron takes the days that are both, Prefect those that are either; "
+            "give '*' for one of the two"
+        )
+    if re.search(r"W|\dL", f"{day} {weekday}".upper().replace("WED", "")):
+        raise ValueError(f"day '{day}', weekday '{weekday}': Prefect knows no W and no weekday with L; {_CRON_REMEDY}")
     return expression
 
 
@@ -59,7 +77,8 @@ Identifier = Annotated[str, AfterValidator(_check_identifier)]
 class Schedule(StrictModel):
     """Schedule of inspections: a cron expression in a time zone, and the cycle that the law asks for.
 
-    ``early_days``: photographs taken up to so many days before a date of ``cron`` count for that date.
+    ``early_days``: photographs taken up to so many days before a date of ``cron`` count for that date, at most half the
+    time since the date before it; later ones count for the date that has passed.
     ``cycle_months``: largest number of months between two inspections by law; None: none is known.
     """
 

@@ -111,6 +111,39 @@ def test_the_message_of_a_mistake_names_file_key_value_and_what_is_allowed(
     assert str(path) in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("cron", "message"),
+    [
+        (
+            "0 6 30 2 *",
+            "no date: there is no day 30 in month 2; give days that the months have, or L for their last one",
+        ),
+        ("0 6 31 4,6 *", "no date: there is no day 31 in month 4,6"),
+        ("0 6 32 1 *", "no date: there is no day 32 in month 1"),
+        ("0 0 6 1 4 *", "not a cron expression (6 fields); use five fields: minute hour day month weekday"),
+        ("@daily", "not a cron expression (1 fields)"),
+        (
+            "0 6 */2 * 1",
+            "cron takes the days that are both, Prefect those that are either; give '*' for one of the two",
+        ),
+        ("0 6 1-7 * */7", "day '1-7' and weekday '*/7': cron takes the days that are both"),
+        ("0 6 LW * *", "Prefect knows no W and no weekday with L"),
+        ("0 6 * * 5L", "Prefect knows no W and no weekday with L"),
+    ],
+)
+def test_a_schedule_without_dates_or_with_two_readings_is_refused(cron: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(InputDataError) as raised:
+        read_portfolio(_write(tmp_path, GOOD.replace("0 6 1 4,10 *", cron)))
+    assert message in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    "cron", ["0 6 29 2 *", "0 6 L * *", "0 6 * * WED", "0 6 1 * 1", "0 6 * * MON#1", "*/5 * * * *"]
+)
+def test_schedules_that_cron_and_prefect_read_alike_are_taken(cron: str, tmp_path: Path) -> None:
+    read_portfolio(_write(tmp_path, GOOD.replace("0 6 1 4,10 *", cron)))
+
+
 def test_all_mistakes_are_reported_at_once_and_ids_are_unique(tmp_path: Path) -> None:
     second = GOOD.replace("buildings:\n", "").replace("schedule: {cron", "shedule: {cron")
     with pytest.raises(InputDataError) as caught:

@@ -1,0 +1,1 @@
+"""Tasks of the whole portfolio, beside the stages of an inspection."""
