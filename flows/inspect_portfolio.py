@@ -32,6 +32,7 @@ from facadelake.scheduling import (
     write_report,
 )
 from flows.campaign_runs import CampaignRuns
+from flows.running import HOOKS
 from tasks.portfolio.report import notify, read_found, report_portfolio
 
 log = logging.getLogger("facadelake.flows")
@@ -47,16 +48,16 @@ class PortfolioError(FacadelakeError):
         self.report = report
 
 
-@flow(name="inspect-portfolio", validate_parameters=True)
+@flow(name="inspect-portfolio", flow_run_name="portfolio", validate_parameters=True, **HOOKS)
 def inspect_portfolio(
-    portfolio: str = "data/portfolio.yaml", lake: str = "lake", settings: str | None = None
+    portfolio: str | None = None, lake: str | None = None, settings: str | None = None
 ) -> PortfolioReport:
     """Inspect the campaigns that wait; a failure, a crash or a killed process of one does not stop the others.
 
     Args:
-        portfolio: path of the portfolio.
-        lake: folder of the lake.
-        settings: path of the service's settings; None: the limits of the machine, and nobody is told.
+        portfolio: path of the portfolio; None: that of the settings.
+        lake: folder of the lake; None: that of the settings.
+        settings: path of the service's settings; None: the defaults, the limits of the machine, and nobody is told.
 
     Returns:
         The report, which is also written to ``portfolio/`` in the lake.
@@ -70,7 +71,7 @@ def inspect_portfolio(
         plan = plan_work(work)
         write_logs(work, plan)
         runs = CampaignRuns(
-            portfolio=portfolio,
+            portfolio=str(Path(work.settings.portfolio).resolve()),
             lake=work.lake,
             folder=work.lake / PORTFOLIO_FOLDER / "runs" / f"{work.started_at:%Y%m%dT%H%M%SZ}",
             limits=work.limits,

@@ -84,9 +84,7 @@ def inspect_portfolio_in_terminal(console: Console, *, portfolio: Path, lake: Pa
         return inspect_portfolio
 
     try:
-        report = run_flow(
-            console, load, portfolio=portfolio, lake=lake, settings=str(settings.resolve()) if settings else None
-        )
+        report = run_flow(console, load, portfolio=portfolio, lake=lake, settings=str(settings) if settings else None)
     except SystemExit:
         if reported.resolve() != before:
             _show_markdown(console, reported.read_text(encoding="utf-8"))

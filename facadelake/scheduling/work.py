@@ -26,15 +26,15 @@ class PortfolioWork:
     started_at: datetime
 
 
-def prepare_work(portfolio: str, lake: str, settings: str | None, *, code_sha256: str) -> PortfolioWork:
+def prepare_work(portfolio: str | None, lake: str | None, settings: str | None, *, code_sha256: str) -> PortfolioWork:
     """Read portfolio and settings, and find the limits of this machine.
 
     With settings, uploads are observed by the intake, which remembers what it saw; without, a folder is complete when
     nothing was written to it for the default time.
 
     Args:
-        portfolio: path of the portfolio.
-        lake: folder of the lake.
+        portfolio: path of the portfolio; None: that of the settings.
+        lake: folder of the lake; None: that of the settings.
         settings: path of the service's settings; None: the defaults.
         code_sha256: version of the code of an inspection.
 
@@ -42,7 +42,9 @@ def prepare_work(portfolio: str, lake: str, settings: str | None, *, code_sha256
         The work. Raises InputDataError where portfolio or settings have mistakes.
     """
     service = read_service_settings(Path(settings)) if settings else ServiceSettings()
-    service = service.model_copy(update={"portfolio": portfolio, "lake": str(Path(lake).resolve())})
+    service = service.model_copy(
+        update={"portfolio": portfolio or service.portfolio, "lake": str(Path(lake or service.lake).resolve())}
+    )
     quiet = timedelta(minutes=service.intake.quiet_minutes)
 
     def observe(building: Building, campaign_id: str) -> str:
@@ -53,8 +55,8 @@ def prepare_work(portfolio: str, lake: str, settings: str | None, *, code_sha256
         return describe_recent_change(folder, quiet=quiet, now=datetime.now(UTC))
 
     return PortfolioWork(
-        registered=read_portfolio(Path(portfolio)),
-        lake=Path(lake).resolve(),
+        registered=read_portfolio(Path(service.portfolio)),
+        lake=Path(service.lake),
         settings=service,
         limits=find_limits(service.limits),
         check_upload=observe if settings else look,
