@@ -164,8 +164,26 @@ def _query_with(
             raise InputDataError(_describe_conversion(error, parameters)) from error
         except duckdb.Error as error:
             raise InputDataError(f"the question cannot be answered: {str(error).strip()}") from error
-    plain = [pa.field(field.name, field.type, field.nullable) for field in rows.schema]  # without DuckDB's metadata
+    names = _make_unique(rows.schema.names)
+    plain = [  # without DuckDB's metadata
+        pa.field(name, field.type, field.nullable) for name, field in zip(names, rows.schema, strict=True)
+    ]
     return pa.Table.from_arrays(rows.columns, schema=pa.schema(plain))
+
+
+def _make_unique(names: Sequence[str]) -> list[str]:
+    """The names of an answer's columns; each later one of the same name has a number after it, as in DuckDB: a, a_1.
+
+    A row is told by the names of its columns, in JSON and elsewhere, so that of two equal ones the first would be lost.
+    """
+    unique: list[str] = []
+    for name in names:
+        free, number = name, 0
+        while free in unique:
+            number += 1
+            free = f"{name}_{number}"
+        unique.append(free)
+    return unique
 
 
 def _describe_conversion(error: duckdb.Error, parameters: Mapping[str, Value] | None) -> str:
