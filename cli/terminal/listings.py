@@ -27,7 +27,7 @@ def show_campaigns(console: Console, portfolio: Portfolio, lake: Path, only: str
     """Print one line for each campaign that is registered or in the lake at version ``as_of`` (None: the newest)."""
     if only is not None:
         portfolio.get_building(only)
-    held = list_rows(answer_question(lake, "campaigns", {"building_id": only}, as_of=as_of)) if has_lake(lake) else []
+    held = list_rows(answer_question(lake, "campaigns", as_of=as_of)) if has_lake(lake) else []
     at = "" if as_of is None else f" at version {as_of}"
     table = RichTable(title=f"Campaigns (lake {lake}{at})", title_justify="left")
     for column in (
@@ -46,7 +46,7 @@ def show_campaigns(console: Console, portfolio: Portfolio, lake: Path, only: str
         if only in (None, building.id):
             for campaign in building.list_campaigns():
                 lines[building.id, campaign] = ("", "", "", "", "not yet inspected", "")
-    for row in held:
+    for row in (row for row in held if only in (None, row["building_id"])):
         key = (row["building_id"], row["campaign_id"])
         counts = (row["photos_total"], row["photos_localised"], row["detections_total"], row["defects_total"])
         lines[key] = (*map(str, counts), f"{row['finished_at']:%Y-%m-%d %H:%M}", str(row["version"] or ""))

@@ -163,7 +163,8 @@ def _query_with(
         except duckdb.ConversionException as error:
             raise InputDataError(_describe_conversion(error, parameters)) from error
         except duckdb.Error as error:
-            raise InputDataError(f"the question cannot be answered: {str(error).strip()}") from error
+            reason = str(error).strip().removeprefix("Invalid Input Error: ")  # what a question's own error() says
+            raise InputDataError(f"the question cannot be answered: {reason}") from error
     names = _make_unique(rows.schema.names)
     plain = [  # without DuckDB's metadata
         pa.field(name, field.type, field.nullable) for name, field in zip(names, rows.schema, strict=True)

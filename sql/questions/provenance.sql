@@ -1,7 +1,7 @@
 -- grain: campaign
 -- meaning: what the lake knows of each campaign, and by which model, code and rules; with --as-of, what it knew on a date: defects, states of the tracks, and the runs that made them
--- $building_id: the building; left out, all of them
--- $campaign_id: the campaign; left out, all of them
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $campaign_id [campaigns.campaign_id]: the campaign; left out, all of them
 WITH made AS (
     SELECT
         building_id,

@@ -1,6 +1,6 @@
 -- grain: commit and campaign
 -- meaning: which run, regrading or review made which version of the lake, the newest first
--- $building_id: the building; left out, all of them
+-- $building_id [campaigns.building_id]: the building; left out, all of them
 SELECT version, committed_at, building_id, campaign_id, run_id, regraded_by, reviewed_by
 FROM versions
 WHERE ($building_id::VARCHAR IS NULL OR building_id = $building_id)

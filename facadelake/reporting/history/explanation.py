@@ -11,8 +11,8 @@ from typing import Any
 
 import pyarrow as pa
 
-from facadelake.core.errors import InputDataError, suggest_name
-from facadelake.lake import has_lake, read_tables
+from facadelake.core.errors import InputDataError
+from facadelake.lake import has_lake, read_tables, require_known_values
 from facadelake.reporting.history.comparison import TABLES, describe_relation, order_campaigns
 from facadelake.reporting.history.findings import MEANINGS, Finding, TimelineState
 from facadelake.reporting.history.sentences import EVIDENCE
@@ -88,15 +88,12 @@ def read_track_tables(
     tables = read_tables(lake, list(names), building_id=building_id, as_of=as_of)
     known = tables["tracks"].column("track_id").to_pylist()
     if track_id not in known:
-        if len(tables["campaigns"]) and not len(tables["frame_offsets"]):
+        if len(tables["campaigns"]) and not known and not len(tables["frame_offsets"]):
             raise InputDataError(
                 f"building '{building_id}' is not tracked: the lake has no history of it; run 'facadelake track "
                 f"{building_id}'"
             )
-        raise InputDataError(
-            f"there is no track '{track_id}'{suggest_name(track_id, known)}; an id is the building and a number, such "
-            "as castle-0042, as 'facadelake compare' lists them"
-        )
+        require_known_values(lake, {"track_id": track_id}, {"track_id": "tracks.track_id"}, as_of=as_of)
     return {
         name: table
         if "track_id" not in table.column_names

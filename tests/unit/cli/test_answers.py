@@ -47,7 +47,9 @@ def test_columns_of_one_name_are_all_told(tmp_path: Path, capsys: pytest.Capture
     assert [cell.strip() for cell in told.splitlines()[1].split("┃")[1:-1]] == ["a", "a_1", "b", "a_2", "a_1_1"]
     narrow = [line.split() for line in _answer(tmp_path, twice, width=20).splitlines()]
     assert [line for line in narrow if line[0] in ("a", "a_1", "a_2")] == [["a", "1"], ["a_1", "2"], ["a_2", "4"]]
-    empty = _answer(tmp_path, "SELECT t.track_id, d.* FROM tracks AS t JOIN tracks AS d USING (building_id)", width=2000)
+    empty = _answer(
+        tmp_path, "SELECT t.track_id, d.* FROM tracks AS t JOIN tracks AS d USING (building_id)", width=2000
+    )
     assert "track_id_1" in empty and "0 rows" in empty
     console = Console(file=StringIO())
     print_answer(console, tmp_path, twice, (), as_of=None, as_json=True)

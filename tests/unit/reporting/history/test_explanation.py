@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.reporting.history import explanation
 from facadelake.reporting.history.explanation import explain_rows, explain_track
 from facadelake.reporting.history.findings import Finding
+from tests.sql.small_history import commit_history
 from tests.unit.reporting.history.painted_history import History
 
 KEY = {"building_id": "wall", "campaign_id": "2026", "run_id": "2026", "track_id": "wall-0001"}
@@ -89,12 +89,11 @@ def test_without_a_lake_the_error_says_what_to_do(tmp_path: Path) -> None:
         explain_track(tmp_path, "wall-0001", as_of=None)
 
 
-def test_an_unknown_track_is_told_with_the_likeliest_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(explanation, "has_lake", lambda lake: True)
-    monkeypatch.setattr(explanation, "read_tables", lambda *_, **__: make_history().tables)
+@pytest.mark.parametrize("given", ["tower-001", "TOWER-0001", "towr-0001", "tower-1"])
+def test_an_unknown_track_is_told_with_the_likeliest_one(given: str, tmp_path: Path) -> None:
+    commit_history(tmp_path)
     with pytest.raises(InputDataError) as raised:
-        explain_track(tmp_path, "wall-001", as_of=None)
-    assert str(raised.value) == (
-        "there is no track 'wall-001' (did you mean 'wall-0001'?); an id is the building and a number, such as "
-        "castle-0042, as 'facadelake compare' lists them"
+        explain_track(tmp_path, given, as_of=None)
+    assert str(raised.value).startswith(
+        f"the lake {tmp_path} has no track '{given}' (did you mean 'tower-0001'?); it has tower-0001, tower-0002, "
     )
