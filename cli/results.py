@@ -18,6 +18,7 @@ from cli.options import (
     PortfolioPath,
     console,
     read_portfolio_at,
+    require_output_folder,
 )
 from facadelake.core.errors import InputDataError
 
@@ -216,6 +217,7 @@ def pictures(
     from facadelake.reporting import draw_pictures
 
     registered = read_portfolio_at(portfolio).get_building(building)
+    require_output_folder(output, "--output")
     chosen, version = resolve_campaign(registered, campaign), resolve_version(lake, as_of)
     draw_in_terminal(
         console,

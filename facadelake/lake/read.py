@@ -76,13 +76,25 @@ def read_tables(
     building_id: str | None = None,
     campaign_id: str | None = None,
     as_of: int | None = None,
+    columns: Mapping[str, Sequence[str]] | None = None,
 ) -> dict[str, pa.Table]:
-    """Several tables of the same version, by name; arguments as of ``read_table``."""
+    """Several tables of the same version, by name; arguments as of ``read_table``.
+
+    Args:
+        lake: folder of the lake.
+        names: the tables.
+        building_id: only this building; None: all.
+        campaign_id: only this campaign; None: all.
+        as_of: an earlier version; None: the newest.
+        columns: the columns to read of a table; all of those that it does not name.
+
+    Raises SchemaError for an unknown table, StoreError for a lake that cannot be read or has no such version.
+    """
     unknown = [name for name in names if name not in LAKE_TABLES]
     if unknown:
         raise SchemaError(f"there is no table {', '.join(unknown)}; the tables are {', '.join(LAKE_TABLES)}")
-    wanted = {"building_id": building_id, "campaign_id": campaign_id}
-    given = {key: value for key, value in wanted.items() if value is not None}
+    chosen = {"building_id": building_id, "campaign_id": campaign_id}
+    given = {key: value for key, value in chosen.items() if value is not None}
     where = f"WHERE {' AND '.join(f'{key} = {quote_sql_value(given[key])}' for key in given)}" if given else ""
     found = {}
     with open_to_read(lake, as_of=as_of) as connection:
@@ -93,13 +105,12 @@ def read_tables(
             connection.execute("BEGIN")  # one transaction sees one version
             for name in names:
                 kind = LAKE_TABLES[name]
-                columns = [
-                    f"ST_AsWKB({c.name}) AS {c.name}" if c.kind is Kind.GEOMETRY else c.name for c in kind.columns
-                ]
+                wanted = [c for c in kind.columns if c.name in (columns or {}).get(name, kind.arrow.names)]
+                selected = [f"ST_AsWKB({c.name}) AS {c.name}" if c.kind is Kind.GEOMETRY else c.name for c in wanted]
                 rows = connection.execute(
-                    f"SELECT {', '.join(columns)} FROM {name} {where} ORDER BY {', '.join(kind.key)}"
+                    f"SELECT {', '.join(selected)} FROM {name} {where} ORDER BY {', '.join(kind.key)}"
                 ).to_arrow_table()
-                found[name] = rows.cast(kind.arrow)
+                found[name] = rows.cast(pa.schema([kind.arrow.field(c.name) for c in wanted], kind.arrow.metadata))
     return found
 
 

@@ -30,6 +30,7 @@ from .size_change import summarise_sizes as summarise_sizes
 from .size_pairs import SizedDefects as SizedDefects
 from .size_pairs import SizeDifference as SizeDifference
 from .size_pairs import compare_sized_pairs as compare_sized_pairs
+from .size_pairs import concatenate_sized as concatenate_sized
 from .size_pairs import judge_growth as judge_growth
 from .states import StateInCampaign as StateInCampaign
 from .states import TrackEvidence as TrackEvidence

@@ -62,6 +62,20 @@ class SizedDefects:
         )
 
 
+def concatenate_sized(parts: Sequence[SizedDefects]) -> SizedDefects:
+    """The defects of all parts, at least one, in their order."""
+    return SizedDefects(
+        defect_class=[name for part in parts for name in part.defect_class],
+        sizes={
+            quantity: DefectSizes(
+                log_size=np.concatenate([part.sizes[quantity].log_size for part in parts]),
+                sigma=np.concatenate([part.sizes[quantity].sigma for part in parts]),
+            )
+            for quantity in TrendQuantity
+        },
+    )
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ComparedSizes:
     """Changes (k) by quantity, of those that a class is told of, and the scales of ``SizeChange`` by quantity."""

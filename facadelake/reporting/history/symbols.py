@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from facadelake.reporting.history.comparison import TimelineEntry
+from facadelake.reporting.history.compared_track import ComparedTrack, TimelineEntry
 from facadelake.reporting.history.findings import STYLES, Finding
 from facadelake.reporting.history.size_changes import format_size
-from facadelake.reporting.html import Html, html_from_value
+from facadelake.reporting.html import Html, html_from_class, html_from_value
 
 SYMBOL_STYLE = (
     ".open { fill: none; stroke-width: var(--rim, 3); } .line { fill: none; stroke-width: var(--rim, 3.4); }"
@@ -45,6 +45,14 @@ def render_symbol(finding: Finding) -> Html:
 def render_named_symbol(finding: Finding) -> Html:
     """The symbol and the name of a finding."""
     return Html(f'<span class="one-line">{render_symbol(finding).text} {html_from_value(finding)}</span>')
+
+
+def render_class(track: ComparedTrack) -> Html:
+    """The class of a defect with its colour, and the one before where it was another."""
+    own = html_from_class(track.defect_class)
+    if track.before is None or track.before["defect_class"] == track.defect_class:
+        return own
+    return Html(f"{html_from_class(track.before['defect_class']).text} → {own.text}")
 
 
 def render_timeline(entries: Sequence[TimelineEntry], pair: Sequence[str]) -> Html:

@@ -21,6 +21,7 @@ from facadelake.core.errors import InputDataError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import list_rows, table_from_rows
 from facadelake.lake import TrackedHistory, append_reviews, commit_campaign, read_table
+from facadelake.reporting.history.comparison import compare_campaigns
 from facadelake.reviews import review_track
 from facadelake.severity import find_rule_file
 from facadelake.tracking import build_history_tables, link_history, list_look_requests, look_at_places
@@ -313,3 +314,33 @@ def test_photographs_that_come_back_are_counted(tmp_path: Path) -> None:
         (here.root / photo_id).parent.mkdir(parents=True, exist_ok=True)
         (here.root / photo_id).touch()
     assert count_photographs(here) == len(record.posed) > 0
+
+
+def test_a_comparison_of_two_successive_campaigns_is_that_of_their_states(tmp_path: Path) -> None:
+    """One function tells changes and what is significant, of states and of comparisons."""
+    campaigns = {"2026-04": (SPRING, 0.08), "2026-10": (AUTUMN, 0.16), "2027-04": (NEXT, 0.082)}
+    for name, (start, area_m2) in campaigns.items():
+        tables = build_tables(name, start, "r1", sightings=9)
+        owners = tables["observations"].column("defect_id").to_pylist()
+        grown = tables["defects"].column("defect_id").to_pylist()[1]  # a spall
+        areas = [area_m2 if owner == grown else 0.08 for owner in owners]
+        tables["observations"] = set_column(tables["observations"], "area_m2", areas)
+        made = commit_tables(tmp_path, name, "r1", tables)
+    read = {name: read_table(tmp_path, name) for name in ("campaigns", "defects", "observations")}
+    states = {(row["track_id"], row["campaign_id"]): row for row in list_rows(made["track_states"])}
+    for pair, word in ((("2026-04", "2026-10"), "grown"), (("2026-10", "2027-04"), "shrunk")):
+        tracks = {track.track_id: track for track in compare_campaigns({**made, **read}, *pair).tracks}
+        assert len(tracks) == 3
+        assert [str(track.finding) for track in tracks.values()].count(word) == 1
+        for name, track in tracks.items():
+            state = states[name, pair[1]]
+            assert (track.finding in ("grown", "shrunk")) == (state["track_state"] == word)
+            told = {change.quantity: (change.value, change.sigma) for change in track.changes}
+            for quantity, column in (("area_m2", "area_change"), ("length_m", "length_change")):
+                unit = quantity.rpartition("_")[2]
+                if state[f"{column}_{unit}"] is not None:
+                    assert told[quantity] == pytest.approx((state[f"{column}_{unit}"], state[f"{column}_sigma_{unit}"]))
+                else:
+                    assert quantity not in told
+    taken_back = compare_campaigns({**made, **read}, "2026-04", "2027-04").tracks
+    assert {str(track.finding) for track in taken_back} == {"unchanged"}

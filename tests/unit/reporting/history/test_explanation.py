@@ -55,9 +55,30 @@ def test_each_campaign_tells_what_it_rests_on() -> None:
     assert "62 % of the defect's diagonal, 9.1 times what differs around the defect" in told["2025"]
     assert "contrast left within the extents: 8 %" in told["2025"]
     assert "cells of 2.5 mm" in told["2025"]
-    assert "+2.0 ± 0.2 cm east" in told["2026"]
-    assert "change since 2024 in 2.5 years, with one standard error: length +10 ± 4 cm" in told["2026"]
+    # 2 cm of 2026 from the first campaign, less 1 cm of 2025: as a comparison of both tells it.
+    assert "offset from those of 2025, the campaign before, by +1.0 ± 0.3 cm east" in told["2026"]
+    assert "offset from those of 2024, the campaign before, by +1.0 ± 0.2 cm east" in told["2025"]
+    assert "change since 2024 (40 cm) in 2.5 years, with one standard error: length +10 ± 4 cm" in told["2026"]
     assert "review of 2026-11-02 by Ms Wall: reopened: seen on site" in told["2026"]
+
+
+def test_a_campaign_whose_frame_was_refused_is_none_to_compare_with() -> None:
+    history = make_history()
+    history.rows["frame_offsets"][1] |= {"offset_outcome": "refused", "detail": "its frame lies 0.52 m beside"}
+    told = explain(history)
+    assert "not tracked: its frame lies 0.52 m beside" in told["2025"]
+    assert "candidates are compared without it" not in told["2025"]
+    assert "offset from those of 2024, the campaign before, by +2.0 ± 0.2 cm east" in told["2026"]
+
+
+def test_sizes_in_an_explanation_are_those_whose_difference_is_told() -> None:
+    history = make_history()
+    history.resize("wall-0001", "2024", merged=False, length_m=0.45)
+    history.resize("wall-0001", "2026", merged=False, length_m=0.55)  # both merged defects are 40 cm long
+    told = explain(history)
+    assert "it is defect wall-0001-in-2024: crack, 45 cm" in told["2024"]
+    assert "it is defect wall-0001-in-2026: crack, 55 cm" in told["2026"]
+    assert "change since 2024 (45 cm) in 2.5 years, with one standard error: length +10 ± 4 cm" in told["2026"]
 
 
 def test_candidates_are_told_in_odds_the_taken_one_first() -> None:
