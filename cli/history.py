@@ -47,8 +47,9 @@ def compare(
     """Compare two campaigns: which defects are new, reopened, grown, of another class or severity, repaired, missed,
     or not looked at.
 
-    What is said is the later campaign against the earlier one, whatever lies between. The table lists what needs attention, the most urgent first; unchanged defects are counted. The page shows the
-    states on each elevation, and every listed defect before and after with a slider; it needs no network.
+    What is said is the later campaign against the earlier one, whatever lies between. The table lists what needs
+    attention, the most urgent first; unchanged defects are counted. The page shows the states on each elevation, and
+    every listed defect before and after with a slider; it needs no network.
     """
     from cli.terminal.drawing import run_with_progress
     from cli.terminal.history import show_comparison

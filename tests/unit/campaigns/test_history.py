@@ -20,7 +20,7 @@ from facadelake.campaigns import BuildingHistory, collect_campaign_views, count_
 from facadelake.core.errors import InputDataError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import list_rows, table_from_rows
-from facadelake.lake import TrackedHistory, append_reviews, commit_campaign, read_table
+from facadelake.lake import TrackedHistory, answer_question, append_reviews, commit_campaign, read_table
 from facadelake.reporting.history.comparison import compare_campaigns
 from facadelake.reviews import review_track
 from facadelake.severity import find_rule_file
@@ -330,6 +330,14 @@ def test_a_comparison_of_two_successive_campaigns_is_that_of_their_states(tmp_pa
     states = {(row["track_id"], row["campaign_id"]): row for row in list_rows(made["track_states"])}
     for pair, word in ((("2026-04", "2026-10"), "grown"), (("2026-10", "2027-04"), "shrunk")):
         tracks = {track.track_id: track for track in compare_campaigns({**made, **read}, *pair).tracks}
+        given = dict(zip(("from_campaign", "to_campaign"), pair, strict=True), building_id=BUILDING)
+        answer = {row["track_id"]: row for row in answer_question(tmp_path, "campaigns_compared", given).to_pylist()}
+        assert {name: row["finding"] for name, row in answer.items()} == {
+            name: str(track.finding) for name, track in tracks.items()
+        }
+        grown_row = next(row for row in answer.values() if row["finding"] == word)
+        difference = grown_row["area_to_m2"] - grown_row["area_from_m2"]
+        assert grown_row["area_change_m2"] == pytest.approx(difference, abs=1e-4)  # sizes beside a change are its own
         assert len(tracks) == 3
         assert [str(track.finding) for track in tracks.values()].count(word) == 1
         for name, track in tracks.items():
