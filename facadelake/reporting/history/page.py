@@ -45,11 +45,13 @@ from facadelake.reporting.html import (
 
 PAGE_NAME = "comparison.html"
 _STYLE = (
-    "figure.elevation svg { width: 100%; height: auto; max-height: 88vh; background: #fff; "
+    # On a narrow screen an elevation is scrolled: scaled down, its signs and numbers could not be read.
+    "figure.elevation { overflow-x: auto; } figure.elevation svg { min-width: min(720px, var(--widest)); }"
+    " figure.elevation svg { width: 100%; height: auto; max-height: 88vh; background: #fff; "
     "border: 1px solid var(--line); }"
     " path.storey { stroke: #202020; stroke-dasharray: 10 6; opacity: 0.5; }"
     " text.storey { fill: #202020; font-family: system-ui, sans-serif; } path.scale { stroke: #202020; fill: none; }"
-    " .ring { fill: none; stroke: var(--ink); } .tag rect { fill: #fff; stroke: var(--ink); opacity: 0.92; }"
+    " .ring { fill: none; stroke: var(--mark); } .tag rect { fill: #fff; stroke: var(--mark); opacity: 0.92; }"
     " .tag text { fill: #111; font-family: system-ui, sans-serif; font-weight: 600; }"
     " ol.strip { display: flex; flex-wrap: wrap; gap: 0.3rem; list-style: none; padding: 0; margin: 0.4rem 0; }"
     " ol.strip li { border: 1px solid var(--line); border-radius: 4px; padding: 0.15rem 0.6rem; font-size: 0.85rem; }"
@@ -61,10 +63,13 @@ _STYLE = (
     + " ".join(
         f"body:has(#show-{finding.name.lower()}:not(:checked)) article"
         f".f-{finding.name.lower()}, body:has(#show-{finding.name.lower()}:not(:checked)) figure.elevation "
-        f".f-{finding.name.lower()} {{ display: none; }}"
+        f".f-{finding.name.lower()}, body:has(#show-{finding.name.lower()}:not(:checked)) #list "
+        f"tr:has(svg.f-{finding.name.lower()}) {{ display: none; }}"
         for finding in Finding
     )
-    + " @media print { .filter { display: none; } article { break-inside: avoid; } }"
+    + " #list td:last-child { min-width: 12rem; }"
+    + " @media print { #list td:last-child { min-width: 0; } .filter { display: none; }"
+    + " article { break-inside: avoid; } }"
 )
 
 
@@ -197,8 +202,9 @@ def _render_list(comparison: BuildingComparison, anchors: Mapping[str, str]) -> 
     ]
     counted = len(comparison.tracks) - len(rows)
     note = (
-        "Reopened and grown defects first, the most severe at the head. Changes are told with one standard error; "
-        "'grown' and 'shrunk' are significant beyond both campaigns' errors. "
+        "Defects that are reopened, grown or of another class first, the most severe at the head. Length and area are "
+        "medians of a campaign's sightings; the change is their difference, with one standard error. 'Grown' and "
+        "'shrunk' are significant beyond both campaigns' errors. "
         f"{counted} unchanged defect{'' if counted == 1 else 's'} (or still repaired) are counted, not listed."
     )
     return [render_paragraph(note), render_table(heads, rows)]

@@ -54,7 +54,7 @@ def describe_sizes(track: ComparedTrack) -> tuple[str, str]:
     # What a campaign between has of a defect that is gone now says nothing of the later one.
     after = track.after if track.is_there_later or track.before is None else None
     told = [
-        format_size(row) + (f" ({row['campaign_id']})" if row is not None and row["campaign_id"] != name else "")
+        format_size(row) + (f" in {row['campaign_id']}" if row is not None and row["campaign_id"] != name else "")
         for row, name in zip((track.before, after), track.pair, strict=True)
     ]
     return told[0], told[1]

@@ -268,7 +268,7 @@ def test_a_change_since_a_campaign_before_the_earlier_one_names_it() -> None:
     history.resize("wall-0001", "2026", area_m2=0.10)
     track = compare(history).tracks[0]
     assert format_changes(track.changes, "spalling", track.pair) == "area +200 ± 42 cm² (since 2024)"
-    assert describe_sizes(track) == ("800 cm² (2024)", "1000 cm²")
+    assert describe_sizes(track) == ("800 cm² in 2024", "1000 cm²")
     assert "not found in 2025, detected last in 2024" in describe_evidence(track)
     assert track.find_detection("2025") is None
     assert track.find_detection("2026") is not None
@@ -282,7 +282,7 @@ def test_a_change_up_to_a_campaign_before_the_later_one_names_it() -> None:
     track = compare(history, "2024", "2026").tracks[0]
     assert track.finding is Finding.GROWN
     assert format_changes(track.changes, "crack", track.pair) == "length +20 ± 2 cm (until 2025)"
-    assert describe_sizes(track) == ("40 cm", "60 cm (2025)")
+    assert describe_sizes(track) == ("40 cm", "60 cm in 2025")
 
 
 def test_a_small_sigma_is_not_told_as_zero() -> None:

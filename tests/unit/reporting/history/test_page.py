@@ -11,7 +11,7 @@ import pytest
 from facadelake.reporting.history.comparison import BuildingComparison, compare_campaigns
 from facadelake.reporting.history.draw import create_request, create_track_marks, find_release
 from facadelake.reporting.history.elevations import draw_elevation_pictures
-from facadelake.reporting.history.findings import Finding
+from facadelake.reporting.history.findings import STYLES, Finding
 from facadelake.reporting.history.page import ComparisonPictures, write_page
 from facadelake.reporting.history.pairs import PosedPhotographs, write_pairs
 from facadelake.reporting.history.since_last_time import SinceLastTime, describe_since_last_time
@@ -110,6 +110,21 @@ def test_each_mark_on_the_elevation_has_shape_colour_place_and_link(page_path: P
     assert '<a href="#track-wall-0002">' in svg
     assert "wall-0001: unchanged" in svg  # as a title; it has no label and no link
     assert "#track-wall-0001" not in source
+
+
+def test_a_sign_has_the_colour_of_its_own_state(page_path: Path) -> None:
+    """The first state in the timeline of a repaired defect was drawn in the colour of repairs."""
+    source = page_path.read_text(encoding="utf-8")
+    assert " .ink { fill: var(--mark); stroke: var(--mark); }" in source  # of the nearest finding around it
+    assert not re.search(r"\.f-\w+ \.ink", source)
+    for finding, style in STYLES.items():
+        assert f".f-{finding.name.lower()} {{ --mark: {style.colour}; }}" in source
+
+
+def test_boxes_hide_rows_of_the_list_too(page_path: Path) -> None:
+    source = page_path.read_text(encoding="utf-8")
+    assert "body:has(#show-grown:not(:checked)) #list tr:has(svg.f-grown)" in source
+    assert '<section id="list"' in source
 
 
 def test_links_lead_to_cards_and_anchors_exist(page_path: Path) -> None:
