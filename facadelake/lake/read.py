@@ -115,8 +115,9 @@ def read_tables(
 
 
 def list_versions(lake: Path) -> pa.Table:
-    """One row per commit and campaign: version, committed_at (UTC), building_id, campaign_id, run_id (null where a
-    regrading or a review made the version), regraded_by and reviewed_by (null where they did not); the oldest first."""
+    """One row per commit and campaign: version, committed_at (UTC), building_id, campaign_id (null of a history by
+    itself), content, run_id (null where no inspection made the version), code_sha256 (null of regradings, reviews and
+    versions of an earlier Facadelake), regraded_by and reviewed_by (null where they did not); the oldest first."""
     with open_to_read(lake) as connection:
         present_current_schema(connection, lake)
         with wrap_lake_errors(
@@ -131,7 +132,9 @@ def list_versions(lake: Path) -> pa.Table:
                 ("committed_at", pa.timestamp("us", tz="UTC")),
                 ("building_id", pa.string()),
                 ("campaign_id", pa.string()),
+                ("content", pa.string()),
                 ("run_id", pa.string()),
+                ("code_sha256", pa.string()),
                 ("regraded_by", pa.string()),
                 ("reviewed_by", pa.string()),
             ]
