@@ -20,7 +20,6 @@ from cli.options import (
     read_portfolio_at,
     require_output_folder,
 )
-from facadelake.core.errors import InputDataError
 
 
 def campaigns(
@@ -125,27 +124,22 @@ def sql(
 def export(
     building: BuildingId,
     file: Annotated[Path, typer.Argument(help="File to write; the suffix is the format: .gpkg .parquet .geojson .csv")],
-    campaign: Annotated[str | None, typer.Option(help="Only this campaign.")] = None,
+    campaign: Annotated[
+        str | None, typer.Option(help="Only this campaign; not for tracks, which are of the whole history.")
+    ] = None,
     table: Annotated[str, typer.Option(help="Table to export.")] = "defects",
     as_of: AsOf = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
     """Write a building's defects (or another table) to a file for GIS or a spreadsheet."""
-    from cli.terminal.listings import require_committed, require_known
-    from facadelake.lake import read_table, resolve_version
+    from cli.terminal.listings import read_exported, require_known
+    from facadelake.lake import resolve_version
     from facadelake.publish import export_table
 
     require_known(lake, portfolio, building)
     version = resolve_version(lake, as_of)
-    rows = read_table(lake, table, building_id=building, campaign_id=campaign, as_of=version)
-    if not len(rows):
-        require_committed(lake, building, campaign, version)
-        raise InputDataError(
-            f"the lake {lake} has no rows of '{table}' for building '{building}'"
-            + (f", campaign '{campaign}'" if campaign else "")
-            + "; 'facadelake campaigns' lists what it holds"
-        )
+    rows = read_exported(lake, table, building, campaign, version)
     export_table(table, rows, file)
     console.print(f"{len(rows)} rows of {table} written to {file}")
 
