@@ -40,7 +40,9 @@ AsOf = Annotated[
         "2026-04-30 (its end), 2026-04-30T14:30, 2026-04-30T14:30+02:00; UTC where no offset is given.",
     ),
 ]
-CampaignId = Annotated[str, typer.Argument(help="Id of the campaign, such as 2026-04; 'latest' is the newest.")]
+CampaignId = Annotated[
+    str, typer.Argument(help="Id of the campaign, such as 2026-04; 'latest' is the newest by capture time.")
+]
 DEFAULT_PORTFOLIO = CHECKOUT / "data" / "portfolio.yaml"
 DEFAULT_LAKE = CHECKOUT / "lake"
 

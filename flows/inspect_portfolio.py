@@ -8,6 +8,7 @@ from pathlib import Path
 
 from prefect import flow
 
+from facadelake.campaigns import order_by_capture
 from facadelake.core.errors import FacadelakeError
 from facadelake.lake import has_lake, read_table
 from facadelake.registry import read_portfolio
@@ -37,7 +38,10 @@ def inspect_portfolio(portfolio: str = "data/portfolio.yaml", lake: str = "lake"
     done = {(row["building_id"], row["campaign_id"]) for row in held}
     outcomes = []
     for building in read_portfolio(Path(portfolio)).buildings:
-        for campaign in building.list_campaigns():
+        order = order_by_capture(building)  # a campaign is placed by those that were flown before it
+        for remark in order.remarks:
+            log.warning("%s", remark)
+        for campaign in order.campaigns:
             if (building.id, campaign) not in done:
                 outcomes.append(_attempt(building.id, campaign, portfolio, lake))
     failed = [outcome for outcome in outcomes if outcome.version is None]

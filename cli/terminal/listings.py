@@ -54,7 +54,9 @@ def show_campaigns(console: Console, portfolio: Portfolio, lake: Path, only: str
         key = (row["building_id"], row["campaign_id"])
         counts = (row["photos_total"], row["photos_localised"], row["detections_total"], row["defects_total"])
         lines[key] = (*map(str, counts), f"{row['finished_at']:%Y-%m-%d %H:%M}", str(row["version"] or ""))
-    for key in sorted(lines):
+    # Those in the lake in order of time, as it lists them, then those that are not inspected yet.
+    places = {(row["building_id"], row["campaign_id"]): place for place, row in enumerate(held)}
+    for key in sorted(lines, key=lambda key: (key[0], places.get(key, len(places)), key[1])):
         table.add_row(*key, *lines[key])
     console.print(table)
 

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from datetime import datetime
 from itertools import islice
 from pathlib import Path
 from typing import TextIO
@@ -16,9 +17,10 @@ from PIL import Image, UnidentifiedImageError
 
 from facadelake.core.errors import InputDataError
 from facadelake.core.hashing import hash_file
+from facadelake.photos.clock import is_clock_set
 from facadelake.photos.drone_xmp import DroneMetadata, parse_drone_metadata
 from facadelake.photos.exif import ExifMetadata, read_exif
-from facadelake.photos.files import FORMATS_BY_SUFFIX, explain_unsupported
+from facadelake.photos.files import FORMATS_BY_SUFFIX, explain_unsupported, find_photographs
 from facadelake.photos.lenses.lens import NOTHING_SAID, LensMetadata, read_lens
 from facadelake.photos.xmp import parse_packet
 
@@ -177,3 +179,18 @@ def read_photos(paths: list[Path]) -> Iterator[Photo]:
         while submitted:
             yield submitted.pop(0).result()
             submitted.extend(pool.submit(read_photo, path) for path in islice(remaining, 1))
+
+
+def find_first_capture_time(root: Path) -> datetime | None:
+    """The earliest time that EXIF of the photographs below ``root`` states; None where it states none, or no clock was
+    set. No pixels are decoded, so that a file that is cut off counts, too."""
+    found = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # reading the campaign tells them
+        for path in find_photographs(root):
+            try:
+                with Image.open(path) as image:
+                    found.append(read_exif(_get_exif(image)[0], width_px=image.width).taken_at)
+            except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
+                continue
+    return min((time for time in found if time is not None and is_clock_set(time)), default=None)

@@ -234,7 +234,8 @@ def test_a_frame_that_jumped_is_refused_by_name_and_the_others_go_on(
     monkeypatch.setattr("tasks.track.read_building", lambda folder: MODEL)
     monkeypatch.setattr("tasks.track._look", lambda *_: {})
     monkeypatch.setattr("tasks.track.run_stage", lambda *_, make, **__: make_stage(make, tmp_path / "stage"))
-    job: Any = SimpleNamespace(building=SimpleNamespace(id=BUILDING, severity_rules="extent_v1"))
+    building = SimpleNamespace(id=BUILDING, severity_rules="extent_v1")
+    job: Any = SimpleNamespace(building=building, code_sha256="c" * 64)
     history = read_history(tmp_path, BUILDING, MODEL, None)
     tracked = track_campaigns(job, make_stage(lambda _: {}, tmp_path / "model"), history)
     assert tracked.warnings == (
