@@ -32,7 +32,7 @@ def has_date(campaign_id: str) -> bool:
     return _DATE.match(campaign_id) is not None
 
 
-def date_campaign(campaign_id: str, captured_from: datetime | None) -> tuple[datetime, str | None]:
+def resolve_capture_time(campaign_id: str, captured_from: datetime | None) -> tuple[datetime, str | None]:
     """When a campaign was flown, and what is to be said of it: by its photographs, else by its id.
 
     Raises InputDataError for a campaign without capture times whose id is no date.
@@ -67,7 +67,7 @@ def order_by_capture(building: Building) -> CampaignOrder:
     for name in known:
         captured = find_first_capture_time(folders[name]) if folders[name].is_dir() else None
         try:
-            times[name], remark = date_campaign(name, captured)
+            times[name], remark = resolve_capture_time(name, captured)
         except InputDataError:
             return CampaignOrder(
                 campaigns=known,
@@ -98,8 +98,8 @@ def find_earlier_campaigns(lake: Path, building_id: str, campaign_id: str, photo
     if not captured:
         return ()
     own = [row["taken_at"] for row in list_rows(photos.select(["photo_outcome", "taken_at"])) if _is_dated(row)]
-    placed = {name: (date_campaign(name, time)[0], name) for name, time in captured.items()}
-    limit = (date_campaign(campaign_id, min(own, default=None))[0], campaign_id)
+    placed = {name: (resolve_capture_time(name, time)[0], name) for name, time in captured.items()}
+    limit = (resolve_capture_time(campaign_id, min(own, default=None))[0], campaign_id)
     return tuple(sorted((name for name in placed if placed[name] < limit), key=lambda name: placed[name]))
 
 

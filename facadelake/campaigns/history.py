@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from facadelake.building import BuildingModel
-from facadelake.campaigns.capture_order import date_campaign, has_date
+from facadelake.campaigns.capture_order import has_date, resolve_capture_time
 from facadelake.core.tables import list_rows
 from facadelake.lake import RunRecord, has_lake, read_table, read_tables
 from facadelake.tracking import CampaignRecords, CampaignViews, KnownHistory, LookRequest, read_records
@@ -103,7 +103,7 @@ def _split_by_campaign(tables: Mapping[str, pa.Table]) -> dict[str, Mapping[str,
 
 def find_capture_time(campaign_id: str, campaigns: pa.Table) -> tuple[datetime, str | None]:
     """When a campaign was flown, by its row of table ``campaigns``, and what is to be said of it."""
-    return date_campaign(campaign_id, campaigns.column("captured_from")[0].as_py())
+    return resolve_capture_time(campaign_id, campaigns.column("captured_from")[0].as_py())
 
 
 def _remark_order(records: Sequence[CampaignRecords]) -> tuple[str, ...]:
