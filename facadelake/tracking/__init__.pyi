@@ -12,6 +12,7 @@ from .linked import list_look_requests as list_look_requests
 from .records import CampaignRecords as CampaignRecords
 from .records import read_records as read_records
 from .records import read_sizes as read_sizes
+from .second_look.alignment import align_patch as align_patch
 from .second_look.comparison import PatchGrid as PatchGrid
 from .second_look.comparison import Place as Place
 from .second_look.comparison import compare_views as compare_views
