@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from facadelake.tracking import align_patch
-from facadelake.tracking.second_look.alignment import move_patch
+from facadelake.tracking.second_look.alignment import move_patch, shift_patch
 
 SIDE = 160
 
@@ -34,11 +34,14 @@ def test_a_patch_that_another_pose_shows_is_moved_back(visible_share: float) -> 
     assert found.correlation > 0.2
 
 
-def test_a_turn_that_no_pose_leaves_is_not_followed() -> None:
+@pytest.mark.parametrize("degrees", [8.0, 20.0, 30.0])
+def test_no_corner_goes_further_than_a_pose_leaves(degrees: float) -> None:
+    """A corner may go 3 cells and 5 % of the side beyond the translation: a turn of 20 degrees would be 39 cells."""
     wall = make_wall()
-    found = align_patch(wall, turn(wall, 20.0, (0.0, 0.0)), 12.0)
-    # A corner may go 3 cells and 5 % of the side beyond the translation: a turn of 20 degrees would be 39 cells.
-    assert np.abs(found.warp[:, :2] - np.eye(2)).max() * SIDE < 3 + 0.05 * SIDE
+    turned = turn(wall, degrees, (0.0, 0.0))
+    corners = np.array([[0, 0, 1], [SIDE, 0, 1], [0, SIDE, 1], [SIDE, SIDE, 1]]).T
+    beyond = (align_patch(wall, turned, 12.0).warp - shift_patch(wall, turned, 12.0).warp) @ corners
+    assert np.abs(beyond).max() <= 3 + 0.05 * SIDE
 
 
 def test_patches_of_two_walls_do_not_correlate() -> None:
