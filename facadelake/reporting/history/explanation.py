@@ -18,7 +18,7 @@ from facadelake.reporting.history.detections import read_detections
 from facadelake.reporting.history.findings import MEANINGS, Finding, TimelineState
 from facadelake.reporting.history.relative_offsets import compute_relative_offsets, index_offsets
 from facadelake.reporting.history.sentences import EVIDENCE
-from facadelake.reporting.history.size_changes import format_size, read_changes
+from facadelake.reporting.history.size_changes import format_size, read_changes, select_main_changes
 from facadelake.severity import describe_severity
 from schemas.vocabulary import LookVerdict, OffsetOutcome, StateEvidence, TrackState
 
@@ -184,10 +184,17 @@ def _explain_trend(track: Row) -> str:
 
 def _explain_state(state: Row, defects: Mapping[tuple[str, str], Row], states: Mapping[str, Row]) -> list[str]:
     finding = _get_state(state).finding
-    lines = [f"{MEANINGS[finding]} (evidence: {EVIDENCE[StateEvidence(state['state_evidence'])]})"]
+    defect = defects.get((state["campaign_id"], state["defect_id"] or ""))
+    since = state["previous_campaign"]
+    before = defects.get((since, states[since]["defect_id"] or "")) if since in states else None
+    meaning = MEANINGS[finding]
+    if finding is Finding.UNCHANGED and defect is not None and before is not None:
+        kinds = before["defect_class"], defect["defect_class"]
+        if kinds[0] != kinds[1]:
+            meaning = f"detected again, as {kinds[1]} and no longer as {kinds[0]}; their sizes are not compared"
+    lines = [f"{meaning} (evidence: {EVIDENCE[StateEvidence(state['state_evidence'])]})"]
     if state["state_remark"]:
         lines.append(state["state_remark"])
-    defect = defects.get((state["campaign_id"], state["defect_id"] or ""))
     if defect is not None:
         lines.append(
             f"it is defect {defect['defect_id']}: {defect['defect_class']}, {format_size(defect)}, "
@@ -198,15 +205,13 @@ def _explain_state(state: Row, defects: Mapping[tuple[str, str], Row], states: M
             f"probability that {state['defect_id']} is this track, among all candidates: "
             f"{_format_probability(state['match_probability'])}"
         )
-    changes = read_changes(state)
+    changes = select_main_changes(read_changes(state), state["defect_class"])
     if changes:
-        since = changes[0].since
         years = state["years_since_previous"]
         after = f" in {years:.1f} years" if years is not None else ""
+        size = f" ({format_size(before)})" if before is not None else ""
         told = ", ".join(f"{change}{' (significant)' if change.decisive else ''}" for change in changes)
-        size = format_size(defects.get((since, states[since]["defect_id"] or ""))) if since in states else ""
-        before = f" ({size})" if size else ""
-        lines.append(f"change since {since}{before}{after}, with one standard error: {told}")
+        lines.append(f"change since {since}{size}{after}, with one standard error: {told}")
     return lines
 
 

@@ -81,6 +81,22 @@ def test_sizes_in_an_explanation_are_those_whose_difference_is_told() -> None:
     assert "change since 2024 (45 cm) in 2.5 years, with one standard error: length +10 ± 4 cm" in told["2026"]
 
 
+def test_a_change_of_class_is_no_unchanged_defect_and_a_spall_is_told_by_its_area() -> None:
+    history = History()
+    history.add("wall-0001", {"2024": "first_seen detected", "2025": "seen detected", "2026": "seen detected"})
+    for campaign, area_m2 in (("2025", 0.08), ("2026", 0.09)):
+        history.resize("wall-0001", campaign, defect_class="spalling", area_m2=area_m2)
+        history.change("wall-0001", campaign, defect_class="spalling")
+    history.change("wall-0001", "2025", previous_campaign="2024")
+    history.change("wall-0001", "2026", previous_campaign="2025", length_change_m=0.01, length_change_sigma_m=0.03,
+                   area_change_m2=0.01, area_change_sigma_m2=0.004)  # fmt: skip
+    told = explain(history)
+    assert "detected again, as spalling and no longer as crack; their sizes are not compared" in told["2025"]
+    assert "no change beyond the errors" not in told["2025"]
+    assert "change since 2025 (800 cm²), with one standard error: area +100 ± 40 cm²" in told["2026"]
+    assert "length" not in told["2026"]
+
+
 def test_candidates_are_told_in_odds_the_taken_one_first() -> None:
     lines = [line for line in explain(make_history())["2026"].splitlines() if line.startswith("candidate")]
     assert len(lines) == 2
