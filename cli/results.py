@@ -80,6 +80,7 @@ def coverage(
         str | None, typer.Argument(help="The campaign; left out, the newest of the building in the lake.")
     ] = None,
     limit: Annotated[int, typer.Option(min=1, help="Maximum number of listed areas.")] = 20,
+    least: Annotated[float, typer.Option(min=0.0, help="Smallest listed area, in square metres.")] = 0.5,
     as_of: AsOf = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: ExistingLakePath = DEFAULT_LAKE,
@@ -92,7 +93,7 @@ def coverage(
     from cli.terminal.coverage import show_coverage
     from facadelake.lake import resolve_version
 
-    show_coverage(console, lake, portfolio, building, campaign, limit, resolve_version(lake, as_of))
+    show_coverage(console, lake, portfolio, building, campaign, limit, least, resolve_version(lake, as_of))
 
 
 def sql(
