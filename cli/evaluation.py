@@ -92,10 +92,11 @@ def _evaluate_campaign(
     as_json: bool,
 ) -> None:
     from cli.terminal.answers import show_figures
+    from facadelake.campaigns import resolve_campaign
     from facadelake.evaluation.campaigns import compare_campaign, compute_figures
     from facadelake.lake import resolve_version
 
-    version = resolve_version(lake, as_of)
+    version, campaign = resolve_version(lake, as_of), resolve_campaign(building, campaign)
     compared = compare_campaign(building, campaign, lake=lake, truth=truth, detections=detections, as_of=version)
     if plots is not None:
         from facadelake.evaluation.campaigns import write_plots

@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pyarrow as pa
 import pytest
+from typer.testing import CliRunner
 
+from cli.main import app
 from facadelake.campaigns import find_earlier_campaigns, order_by_capture, resolve_campaign
 from facadelake.campaigns.preflight import LATEST
 from facadelake.core.errors import InputDataError
@@ -76,3 +78,20 @@ def test_a_campaign_is_placed_by_those_that_were_flown_before_it(tmp_path: Path)
     assert find_earlier_campaigns(tmp_path, BUILDING, "2024-10", build_photos(None)) == ("z-first",)
     with pytest.raises(InputDataError, match="no photograph of campaign repeat has a capture time"):
         find_earlier_campaigns(tmp_path, BUILDING, "repeat", build_photos(None))
+
+
+def test_evaluate_takes_the_latest_campaign_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    build(tmp_path / "photos", {"autumn": "2025:10:01 10:00:00", "spring": "2025:04:01 10:00:00"})
+    (tmp_path / "tower.ifc").touch()
+    portfolio = tmp_path / "portfolio.yaml"
+    portfolio.write_text(
+        "buildings: [{id: tower, name: Tower, model: tower.ifc, photographs: 'photos/{campaign}'}]", encoding="utf-8"
+    )
+    commit(tmp_path / "lake", defects=1)
+    chosen: list[str] = []
+    monkeypatch.setattr(
+        "facadelake.evaluation.campaigns.compare_campaign", lambda building, campaign, **_: chosen.append(campaign)
+    )
+    given = ["--truth", str(tmp_path), "--portfolio", str(portfolio), "--lake", str(tmp_path / "lake")]
+    CliRunner().invoke(app, ["evaluate", "tower", "latest", *given])
+    assert chosen == ["autumn"]
