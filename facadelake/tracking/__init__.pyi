@@ -11,7 +11,6 @@ from .linked import link_history as link_history
 from .linked import list_look_requests as list_look_requests
 from .records import CampaignRecords as CampaignRecords
 from .records import read_records as read_records
-from .records import read_sizes as read_sizes
 from .second_look.alignment import align_patch as align_patch
 from .second_look.comparison import PatchGrid as PatchGrid
 from .second_look.comparison import Place as Place
@@ -33,7 +32,10 @@ from .size_pairs import SizeDifference as SizeDifference
 from .size_pairs import compare_sized_pairs as compare_sized_pairs
 from .size_pairs import concatenate_sized as concatenate_sized
 from .size_pairs import judge_growth as judge_growth
+from .sizes import read_sizes as read_sizes
 from .states import StateInCampaign as StateInCampaign
 from .states import TrackEvidence as TrackEvidence
 from .states import decide_states as decide_states
+from .trend import Trend as Trend
 from .trend import fit_trend as fit_trend
+from .trend import predict_limit as predict_limit

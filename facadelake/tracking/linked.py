@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from datetime import timedelta
 
 import numpy as np
@@ -21,6 +21,7 @@ from facadelake.tracking.size_pairs import SizedDefects, SizeDifference, compare
 from schemas.vocabulary import DefectClass, OffsetOutcome, TrackRelation, TrendQuantity
 
 YEAR = timedelta(days=365.25)
+_BLURRED = TrendQuantity.CRACK_WIDTH
 _COVERED_MIN = 0.7  # share of a defect's extents that another one covers, of which it is then a part
 _COVERED_DEPTH_M = 0.3
 
@@ -93,13 +94,13 @@ def link_history(records: Sequence[CampaignRecords], area_m2: float) -> LinkedHi
     links = link_campaigns([one.tracked for one in records], area_m2)
     by_id = {one.campaign_id: one for one in records}
     tracked = [link for link in links if link.offsets[0].outcome is not OffsetOutcome.REFUSED]
-    campaigns = [by_id[link.campaign_id] for link in tracked]
+    campaigns = _share_blur([by_id[link.campaign_id] for link in tracked])
     sightings = _list_chain_defects(tracked)
     changes, scales = _compare_detections(campaigns, sightings)
     parts, relations = _relate(campaigns, tracked, sightings)
     return LinkedHistory(
         campaigns=campaigns,
-        refused=[one for one in records if one not in campaigns],
+        refused=[one for one in records if one.campaign_id not in {link.campaign_id for link in tracked}],
         links=links,
         sightings=sightings,
         changes=changes,
@@ -183,6 +184,22 @@ def _compare_detections(
     return changes, scales
 
 
+def _share_blur(campaigns: Sequence[CampaignRecords]) -> list[CampaignRecords]:
+    """The campaigns with the largest unknown blur that one of them tells: the cracks, and mostly the camera, are the
+    same, and a campaign whose photographs are all from one distance cannot tell it."""
+    blur_px = max((float(one.sizes[_BLURRED].blur_px.max(initial=0.0)) for one in campaigns), default=0.0)
+    return [
+        replace(
+            one,
+            sizes={
+                **one.sizes,
+                _BLURRED: replace(one.sizes[_BLURRED], blur_px=np.full(len(one.tracked.defects), blur_px)),
+            },
+        )
+        for one in campaigns
+    ]
+
+
 def _gather_sizes(campaigns: Sequence[CampaignRecords], places: Sequence[tuple[int, int]]) -> SizedDefects:
     """The defects at ``places`` (campaign, row)."""
     found = [(campaigns[campaign], row) for campaign, row in places]
@@ -190,8 +207,10 @@ def _gather_sizes(campaigns: Sequence[CampaignRecords], places: Sequence[tuple[i
         defect_class=[DefectClass(CLASSES[one.tracked.defects.defect_class[row]]) for one, row in found],
         sizes={
             quantity: DefectSizes(
-                log_size=np.array([one.sizes[quantity].log_size[row] for one, row in found]),
-                sigma=np.array([one.sizes[quantity].sigma[row] for one, row in found]),
+                **{
+                    field.name: np.array([getattr(one.sizes[quantity], field.name)[row] for one, row in found])
+                    for field in fields(DefectSizes)
+                }
             )
             for quantity in TrendQuantity
         },
