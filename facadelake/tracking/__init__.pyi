@@ -32,7 +32,9 @@ from .size_pairs import SizeDifference as SizeDifference
 from .size_pairs import compare_sized_pairs as compare_sized_pairs
 from .size_pairs import concatenate_sized as concatenate_sized
 from .size_pairs import judge_growth as judge_growth
+from .sizes import SIZE_COLUMNS as SIZE_COLUMNS
 from .sizes import read_sizes as read_sizes
+from .sizes import share_blur as share_blur
 from .states import StateInCampaign as StateInCampaign
 from .states import TrackEvidence as TrackEvidence
 from .states import decide_states as decide_states

@@ -18,10 +18,10 @@ from facadelake.tracking.records import CampaignRecords
 from facadelake.tracking.second_look.look import LookRequest
 from facadelake.tracking.size_change import DefectSizes
 from facadelake.tracking.size_pairs import SizedDefects, SizeDifference, compare_sized_pairs
+from facadelake.tracking.sizes import share_blur
 from schemas.vocabulary import DefectClass, OffsetOutcome, TrackRelation, TrendQuantity
 
 YEAR = timedelta(days=365.25)
-_BLURRED = TrendQuantity.CRACK_WIDTH
 _COVERED_MIN = 0.7  # share of a defect's extents that another one covers, of which it is then a part
 _COVERED_DEPTH_M = 0.3
 
@@ -94,7 +94,9 @@ def link_history(records: Sequence[CampaignRecords], area_m2: float) -> LinkedHi
     links = link_campaigns([one.tracked for one in records], area_m2)
     by_id = {one.campaign_id: one for one in records}
     tracked = [link for link in links if link.offsets[0].outcome is not OffsetOutcome.REFUSED]
-    campaigns = _share_blur([by_id[link.campaign_id] for link in tracked])
+    campaigns = [by_id[link.campaign_id] for link in tracked]
+    shared = share_blur([one.sizes for one in campaigns])
+    campaigns = [replace(one, sizes=sizes) for one, sizes in zip(campaigns, shared, strict=True)]
     sightings = _list_chain_defects(tracked)
     changes, scales = _compare_detections(campaigns, sightings)
     parts, relations = _relate(campaigns, tracked, sightings)
@@ -182,22 +184,6 @@ def _compare_detections(
         scales |= {(number, quantity): scale for quantity, scale in compared.scales.items()}
         changes |= dict(zip(after, compared.changes, strict=True))
     return changes, scales
-
-
-def _share_blur(campaigns: Sequence[CampaignRecords]) -> list[CampaignRecords]:
-    """The campaigns with the largest unknown blur that one of them tells: the cracks, and mostly the camera, are the
-    same, and a campaign whose photographs are all from one distance cannot tell it."""
-    blur_px = max((float(one.sizes[_BLURRED].blur_px.max(initial=0.0)) for one in campaigns), default=0.0)
-    return [
-        replace(
-            one,
-            sizes={
-                **one.sizes,
-                _BLURRED: replace(one.sizes[_BLURRED], blur_px=np.full(len(one.tracked.defects), blur_px)),
-            },
-        )
-        for one in campaigns
-    ]
 
 
 def _gather_sizes(campaigns: Sequence[CampaignRecords], places: Sequence[tuple[int, int]]) -> SizedDefects:

@@ -9,6 +9,7 @@ campaigns: it changes a width by the difference of the sizes of their pixels.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -47,6 +48,11 @@ class DefectSizes:
     def take(self, rows: RowIndices) -> DefectSizes:
         """Some of the defects."""
         return DefectSizes(**{field.name: getattr(self, field.name)[rows] for field in fields(DefectSizes)})
+
+
+def concatenate_sizes(parts: Sequence[DefectSizes]) -> DefectSizes:
+    """The sizes of all parts, at least one, in their order."""
+    return DefectSizes(**{f.name: np.concatenate([getattr(one, f.name) for one in parts]) for f in fields(DefectSizes)})
 
 
 def summarise_sizes(log_size: Float64N, pixel_sigma: Float64N, defect: RowIndices, count: int) -> DefectSizes:

@@ -9,7 +9,13 @@ from math import exp, hypot
 import numpy as np
 
 from facadelake.core.arrays import RowIndices
-from facadelake.tracking.size_change import DefectSizes, SizeChange, compare_sizes, select_significant
+from facadelake.tracking.size_change import (
+    DefectSizes,
+    SizeChange,
+    compare_sizes,
+    concatenate_sizes,
+    select_significant,
+)
 from schemas.vocabulary import DefectClass, TrendQuantity
 
 # What decides whether a defect has grown; the length of a spall or a damp patch says little that its area does not.
@@ -59,13 +65,7 @@ def concatenate_sized(parts: Sequence[SizedDefects]) -> SizedDefects:
     """The defects of all parts, at least one, in their order."""
     return SizedDefects(
         defect_class=[name for part in parts for name in part.defect_class],
-        sizes={
-            quantity: DefectSizes(
-                log_size=np.concatenate([part.sizes[quantity].log_size for part in parts]),
-                sigma=np.concatenate([part.sizes[quantity].sigma for part in parts]),
-            )
-            for quantity in TrendQuantity
-        },
+        sizes={quantity: concatenate_sizes([part.sizes[quantity] for part in parts]) for quantity in TrendQuantity},
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,12 +18,16 @@ _SLOPE_SIGMA_RAD = np.radians(1.0)  # of a wall against its model, as for crack 
 # the blur that no photograph tells where a campaign cannot estimate it (half of the widths of real cracks are within a
 # pixel of those drawn by hand): docs/measuring.md.
 _WIDTH_SIGMA_PX, _UNKNOWN_BLUR_PX = 0.3, 1.0
+SIZE_COLUMNS = (
+    "defect_id", "length_m", "width_m", "height_m", "area_m2", "gsd_mm", "incidence_deg", "distance_m", "normal_x",
+    "normal_y", "normal_z", "covariance_site", "crack_width_mm",
+)  # fmt: skip
 _MEASURED = (CrackWidthOutcome.MEASURED, CrackWidthOutcome.STATED)
 
 
 def read_sizes(defects: pa.Table, observations: pa.Table) -> dict[TrendQuantity, DefectSizes]:
     """Sizes of the defects of one campaign, in the order of ``defects``: length and area as medians of the sightings;
-    measured crack widths."""
+    measured crack widths. ``observations`` with ``SIZE_COLUMNS``."""
     row_of = {defect_id: row for row, defect_id in enumerate(defects.column("defect_id").to_pylist())}
     owner = [row_of.get(defect_id, -1) for defect_id in observations.column("defect_id").to_pylist()]
     defect = np.array(owner, dtype=np.int64)
@@ -32,6 +37,16 @@ def read_sizes(defects: pa.Table, observations: pa.Table) -> dict[TrendQuantity,
     }
     found[TrendQuantity.CRACK_WIDTH] = _read_widths(defects, observations, defect)
     return found
+
+
+def share_blur(campaigns: Sequence[Mapping[TrendQuantity, DefectSizes]]) -> list[dict[TrendQuantity, DefectSizes]]:
+    """Sizes of a building's campaigns, with the largest unknown blur of widths that one of them tells.
+
+    The cracks, and mostly the camera, are the same; a campaign whose photographs are all from one distance cannot tell.
+    """
+    width = TrendQuantity.CRACK_WIDTH
+    blur_px = max((float(one[width].blur_px.max(initial=0.0)) for one in campaigns), default=0.0)
+    return [{**one, width: replace(one[width], blur_px=np.full_like(one[width].blur_px, blur_px))} for one in campaigns]
 
 
 def _read_extents(observations: pa.Table, quantity: TrendQuantity, defect: RowIndices, count: int) -> DefectSizes:
@@ -44,7 +59,7 @@ def _read_extents(observations: pa.Table, quantity: TrendQuantity, defect: RowIn
         pixel = np.sqrt(2) * edge_m / size
     else:
         pixel = np.sqrt(2) * edge_m * np.hypot(1 / extents[0], 1 / extents[1])
-    pooled = summarise_sizes(np.log(size[usable]), pixel[usable], defect[usable], count)
+    pooled = summarise_sizes(np.log(size[usable]), np.nan_to_num(pixel[usable]), defect[usable], count)
     shared = compute_medians(_compute_scale_sigma(observations, quantity)[usable], defect[usable], count)
     return replace(pooled, sigma=np.hypot(pooled.sigma, shared))
 
@@ -88,7 +103,7 @@ def _compute_scale_sigma(observations: pa.Table, quantity: TrendQuantity) -> Flo
     depth_m = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", normal, covariance, normal), 0.0))
     cosine = _read_cosine(observations)
     by_distance = np.nan_to_num(depth_m / cosine / _read_column(observations, "distance_m"))
-    by_slope = _SLOPE_SIGMA_RAD * np.sqrt(1 / cosine**2 - 1)
+    by_slope = np.nan_to_num(_SLOPE_SIGMA_RAD * np.sqrt(1 / cosine**2 - 1))
     sigma: Float64N = np.hypot((2 if quantity is TrendQuantity.AREA else 1) * by_distance, by_slope)
     return sigma
 

@@ -12,17 +12,19 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from facadelake.tracking import (
+    SIZE_COLUMNS,
     SizedDefects,
     SizeDifference,
     compare_sized_pairs,
     concatenate_sized,
     read_sizes,
+    share_blur,
 )
 from schemas.vocabulary import DefectClass, TrendQuantity
 
 Row = Mapping[str, Any]
 Key = tuple[str, str]
-OBSERVATION_COLUMNS = ("campaign_id", "defect_id", "length_m", "area_m2")
+OBSERVATION_COLUMNS = ("campaign_id", *SIZE_COLUMNS)
 _OF_SIGHTINGS = (TrendQuantity.LENGTH, TrendQuantity.AREA)
 
 
@@ -57,17 +59,19 @@ def _name(row: Row) -> Key:
 def read_detections(defects: pa.Table, observations: pa.Table) -> Detections:
     """The defects of a building, from the rows of tables ``defects`` and ``observations`` of all its campaigns."""
     rows: dict[Key, Row] = {}
-    parts = []
+    own, sizes = [], []
     for campaign in pc.unique(defects["campaign_id"]).to_pylist():
-        own, seen = (table.filter(pc.equal(table["campaign_id"], campaign)) for table in (defects, observations))
-        sizes = read_sizes(own, seen)
-        parts.append(
-            SizedDefects(defect_class=[DefectClass(name) for name in own["defect_class"].to_pylist()], sizes=sizes)
-        )
-        for k, row in enumerate(own.to_pylist()):
-            medians = {str(quantity): exp(sizes[quantity].log_size[k]) for quantity in _OF_SIGHTINGS
-                       if np.isfinite(sizes[quantity].log_size[k])}  # fmt: skip
+        found, seen = (table.filter(pc.equal(table["campaign_id"], campaign)) for table in (defects, observations))
+        own.append(found)
+        sizes.append(read_sizes(found, seen))
+        for k, row in enumerate(found.to_pylist()):
+            medians = {str(quantity): exp(sizes[-1][quantity].log_size[k]) for quantity in _OF_SIGHTINGS
+                       if np.isfinite(sizes[-1][quantity].log_size[k])}  # fmt: skip
             rows[_name(row)] = row | medians
+    parts = [
+        SizedDefects(defect_class=[DefectClass(name) for name in found["defect_class"].to_pylist()], sizes=shared)
+        for found, shared in zip(own, share_blur(sizes), strict=True)
+    ]
     empty = SizedDefects(defect_class=[], sizes=read_sizes(defects.slice(0, 0), observations.slice(0, 0)))
     return Detections(
         rows=rows, places={key: place for place, key in enumerate(rows)}, sized=concatenate_sized([empty, *parts])

@@ -105,6 +105,8 @@ class History:
                 self._key(campaign)
                 | {"observation_id": f"{defect['defect_id']}-{k}", "defect_id": defect["defect_id"]}
                 | {"length_m": defect["length_m"], "area_m2": defect["area_m2"]}
+                | {"width_m": defect["width_m"], "height_m": defect["height_m"], "gsd_mm": 3.0, "distance_m": 10.0}
+                | {"incidence_deg": 45.0, "normal_x": 0.0, "normal_y": -1.0, "normal_z": 0.0}
             )
 
     def resize(self, track_id: str, campaign: str, *, merged: bool = True, **columns: Any) -> None:
