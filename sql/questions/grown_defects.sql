@@ -71,6 +71,7 @@ SELECT
     round(t.trend_high_per_year, 4) AS trend_high_per_year,
     t.next_severity,
     t.next_limit_at,
+    t.trend_remark,
     t.facade,
     t.storey,
     t.element_name,
