@@ -38,7 +38,7 @@ def test_the_table_lists_what_needs_attention_and_counts_the_rest() -> None:
     assert text.index("wall-0003") < text.index("wall-0002")
     assert "wall-0001" not in text
     assert "[red]attic[/red]" in text  # a name is no markup
-    assert "length +20 ± 2 cm" in text
+    assert "length +20 ± 1 cm" in text
     assert "something before the wall hides its place" in text
     line = next(line for line in text.splitlines() if "detected again" in line)
     assert [cell.strip() for cell in line.strip("\u2502").split("\u2502")][:3] == ["unchanged", "1", "S 1"]
