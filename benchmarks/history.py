@@ -6,9 +6,8 @@
 ``demo`` and ``pair`` inspect all campaigns with exact and with noisy boxes by the command line, then evaluate with
 ``facadelake evaluate --history``; pictures of wrong states are in FOLDER/pictures. ``synthetic`` draws histories
 without photographs, in which looks err with the stated rates; ``growth`` draws pairs of campaigns in which nothing
-grows, and such with growth by 1.4; ``trends`` draws sizes
-over three to six campaigns; ``size`` tracks 20 campaigns with 2,000 defects in a process of its own. Prints
-Markdown.
+grows, and such with growth by 1.4; ``trends`` draws sizes over three to six campaigns; ``size`` tracks 20 campaigns
+with 2,000 defects in a process of its own. Prints Markdown.
 """
 
 from __future__ import annotations
