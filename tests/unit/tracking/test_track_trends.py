@@ -20,7 +20,8 @@ def test_days_are_days_and_words_say_how_growth_goes() -> None:
     known = [day for day in days if day is not None]
     assert known and all((day.hour, day.minute, day.second, day.microsecond) == (0, 0, 0, 0) for day in known)
     remarks = [track["trend_remark"] or "" for track in tracks]
-    assert any(one.startswith("growth accelerates: ") and " a year lately, " in one for one in remarks)
+    accelerated = [one for one in remarks if one.startswith("growth accelerates: ")]
+    assert accelerated and all(" a year lately, " in one and " a year over all" in one for one in accelerated)
     assert any(one.startswith("growth slows down: ") for one in remarks)
     for track in tracks:
         if (track["trend_remark"] or "").startswith("growth accelerates"):
