@@ -1,13 +1,13 @@
 """Histories of defects against truth: identity, states, changes; time and memory of tracking; coverage.
 
-    .venv/bin/python -m benchmarks.history synthetic growth size coverage     # ten minutes
+    .venv/bin/python -m benchmarks.history synthetic growth trends size coverage     # ten minutes
     .venv/bin/python -m benchmarks.history demo pair --work FOLDER            # whole inspections; reuses FOLDER
 
 ``demo`` and ``pair`` inspect all campaigns with exact and with noisy boxes by the command line, then evaluate with
 ``facadelake evaluate --history``; pictures of wrong states are in FOLDER/pictures. ``synthetic`` draws histories
 without photographs, in which looks err with the stated rates; ``growth`` draws pairs of campaigns in which nothing
-grows, and such with growth by 1.4; ``size`` tracks 20 campaigns with 2,000 defects in a process of its own. Prints
-Markdown.
+grows, and such with growth by 1.4; ``trends`` draws sizes over three to six campaigns; ``size`` tracks 20 campaigns
+with 2,000 defects in a process of its own. Prints Markdown.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ import numpy as np
 import psutil
 
 from benchmarks.coverage import GOAL_S, measure_castle
+from benchmarks.drawn_growth import GROWTHS, count_held_trends
 from benchmarks.history_campaigns import measure_demo, measure_pair
 from benchmarks.history_report import (
     FALSE_GROWTH,
@@ -39,13 +40,8 @@ from benchmarks.history_report import (
     Goal,
     HistoryReport,
 )
-from benchmarks.synthetic_history import (
-    HistoryRecipe,
-    build_tables,
-    draw_history,
-    draw_looks,
-    track_synthetic,
-)
+from benchmarks.synthetic_history import HistoryRecipe, draw_history
+from benchmarks.synthetic_tracking import build_tables, draw_looks, track_synthetic
 from facadelake.evaluation.history import HistoryFigures, compute_history_figures
 from facadelake.tracking import link_history, list_look_requests
 
@@ -170,6 +166,19 @@ def _measure_peak_mib() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
+def measure_trends(report: HistoryReport, work: Path, seeds: int) -> None:
+    """Trends of sizes that grow in known ways, and the dates at which they reach a limit."""
+    for kind in GROWTHS:
+        for campaigns in (3, 4, 6):
+            counts = count_held_trends(kind, campaigns, seeds)
+            run = f"{seeds} drawn sizes growing {kind}, {campaigns} campaigns"
+            report.add(run, Goal(figure="latest rate inside 95 %", low=0.90), counts.rates_held / counts.trends)
+            report.add(
+                run, Goal(figure="date of the limit inside 95 %", low=0.90), counts.dates_held / max(counts.dates, 1),
+                f"{counts.dates} dates, {counts.ends} with a latest one",
+            )  # fmt: skip
+
+
 def measure_size(report: HistoryReport, work: Path, seeds: int) -> None:
     """Time and memory of tracking a large building, in a process of its own."""
     with multiprocessing.get_context("spawn").Pool(1) as pool:
@@ -195,6 +204,7 @@ def measure_coverage(report: HistoryReport, work: Path, seeds: int) -> None:
 PARTS: dict[str, Callable[[HistoryReport, Path, int], None]] = {
     "synthetic": measure_synthetic,
     "growth": measure_growth,
+    "trends": measure_trends,
     "size": measure_size,
     "coverage": measure_coverage,
     "demo": lambda report, work, seeds: measure_demo(report, work),

@@ -1,8 +1,8 @@
-"""Drawn histories of a building without photographs: defects on four facades, campaigns, and looks with stated rates.
+"""Drawn histories of a building without photographs: defects on four facades, and campaigns that detect them.
 
 A defect is drawn with a place, a class and a size; it appears, grows, is repaired, and comes back. Each campaign images
 its place or not, and detects what it images with a recall; boxes scatter, frames are offset, and some detections are
-false. What a look at a place says is drawn, too. Tracking itself is the product's (``facadelake.tracking``).
+false. ``benchmarks.synthetic_tracking`` tracks them.
 """
 
 from __future__ import annotations
@@ -19,36 +19,15 @@ import shapely
 
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import add_run_keys, table_from_rows
-from facadelake.evaluation.history import (
-    HistoryComparison,
-    TrueDefect,
-    collect_measured_defects,
-    compare_histories,
-    list_called_states,
-)
-from facadelake.tracking import (
-    CampaignRecords,
-    DefectArrays,
-    HistoryTables,
-    KnownHistory,
-    LinkedHistory,
-    Look,
-    LookRequest,
-    TrackedCampaign,
-    build_history_tables,
-    link_history,
-    list_look_requests,
-    summarise_sizes,
-)
+from facadelake.evaluation.history import TrueDefect
+from facadelake.tracking import CampaignRecords, DefectArrays, TrackedCampaign, summarise_sizes
 from facadelake.tracking.campaign_defects import CLASSES
-from facadelake.tracking.size_change import DefectSizes
-from schemas.tables import LAKE_TABLES
-from schemas.vocabulary import DefectClass, LookVerdict, TrendQuantity
+from facadelake.tracking.size_change import DefectSizes, compute_medians
+from schemas.vocabulary import DefectClass, TrendQuantity
 
 BUILDING = "drawn"
 ORIGIN = SiteOrigin(lon_deg=8.4, lat_deg=48.9, height_ellipsoidal_m=170.0)
 MAP_CRS = "EPSG:25832"
-RULES = Path(__file__).resolve().parent.parent / "data" / "severity" / "width_and_extent_v1.sql"
 # Outward normal, direction to the right as seen from outside, and first corner as shares of length and depth.
 _WALLS = {
     "S": ((0, -1, 0), (1, 0, 0), (0, 0)),
@@ -155,58 +134,6 @@ def draw_history(recipe: HistoryRecipe, seed: int) -> SyntheticHistory:
     )
 
 
-def track_synthetic(history: SyntheticHistory, seed: int) -> HistoryComparison:
-    """Track a drawn history with drawn looks, and compare it with truth."""
-    linked = link_history(history.records, history.recipe.area_m2)
-    looks = draw_looks(history, list_look_requests(linked), seed)
-    tables = build_tables(linked, looks).tables
-    return compare_histories(
-        history.campaigns,
-        history.truth,
-        collect_measured_defects(history.records, history.true_ids),
-        list_called_states(tables["track_states"]),
-    )
-
-
-def build_tables(linked: LinkedHistory, looks: Sequence[Look]) -> HistoryTables:
-    """The tables of a drawn history that nothing is known of before."""
-    empty = {name: LAKE_TABLES[name].arrow.empty_table() for name in ("tracks", "track_states", "track_reviews")}
-    known = KnownHistory(tracks=empty["tracks"], states=empty["track_states"], reviews=empty["track_reviews"])
-    return build_history_tables(
-        BUILDING, linked, {look.key: look for look in looks}, known, origin=ORIGIN, rule_file=RULES
-    )
-
-
-def draw_looks(history: SyntheticHistory, requests: Sequence[LookRequest], seed: int) -> list[Look]:
-    """What looks say, by the recipe's rates. The wall behind a false detection does not change."""
-    rng = np.random.default_rng([seed, 1])
-    rates, number = history.recipe.looks, {name: k for k, name in enumerate(history.campaigns)}
-    looks = []
-    for request in requests:
-        true_id = history.true_ids[request.seen_campaign, request.defect_id]
-        days = None if true_id is None else history.truth[true_id]
-        day = None if days is None else days[number[request.campaign_id]]
-        then = None if days is None else days[number[request.seen_campaign]]
-        imaged = rng.random() < history.recipe.imaged_share if day is None else day.imaged
-        draw = rng.random()
-        if not imaged:
-            verdict = LookVerdict.HIDDEN if draw < rates.hidden else LookVerdict.NOT_IN_VIEW
-        elif day is None or then is None or (day.exists and day.width_m == then.width_m):
-            verdict = _choose_verdict(draw, rates.there_same, rates.there_gone)
-        elif day.exists:
-            verdict = _choose_verdict(draw, rates.changed_same, rates.changed_gone)
-        else:
-            verdict = _choose_verdict(draw, rates.gone_same, rates.gone_gone)
-        looks.append(Look(key=request.key, verdict=verdict, photo_ids=(None, None), photo_counts=(3, 3)))
-    return looks
-
-
-def _choose_verdict(draw: float, same: float, gone: float) -> LookVerdict:
-    if draw < same:
-        return LookVerdict.SAME
-    return LookVerdict.GONE if draw < same + gone else LookVerdict.UNDECIDED
-
-
 def _draw_truth(recipe: HistoryRecipe, rng: np.random.Generator) -> list[_DrawnDefect]:
     """All true defects; each lists every campaign."""
     defects: list[_DrawnDefect] = []
@@ -305,16 +232,19 @@ def _detect(
         xyz_site_m=xyz,
         covariance_m2=covariance,
         normal_site=normal,
-        width_m=_find_medians(drawn[:, 0], owner, count),
-        height_m=_find_medians(drawn[:, 1], owner, count),
+        width_m=compute_medians(drawn[:, 0], owner, count),
+        height_m=compute_medians(drawn[:, 1], owner, count),
     )
     is_crack = classes == CLASSES.index(DefectClass.CRACK)
     crack_sigma = np.where(is_crack, 0.1, np.nan)
     crack = np.log([defect.crack_mm for defect in defects]) + crack_sigma * rng.normal(size=count)
+    no_pixels = np.zeros(len(owner))
     sizes = {
-        TrendQuantity.LENGTH: summarise_sizes(np.log(np.hypot(drawn[:, 0], drawn[:, 1])), owner, count),
-        TrendQuantity.AREA: summarise_sizes(np.log(drawn.prod(axis=1)), owner, count),
-        TrendQuantity.CRACK_WIDTH: DefectSizes(log_size=crack, sigma=crack_sigma),
+        TrendQuantity.LENGTH: summarise_sizes(np.log(np.hypot(drawn[:, 0], drawn[:, 1])), no_pixels, owner, count),
+        TrendQuantity.AREA: summarise_sizes(np.log(drawn.prod(axis=1)), no_pixels, owner, count),
+        TrendQuantity.CRACK_WIDTH: DefectSizes(
+            log_size=crack, sigma=crack_sigma, per_blur_px=np.zeros(count), blur_px=np.zeros(count)
+        ),
     }
     captured_at = _FIRST_DAY + timedelta(days=365 * number)
     return CampaignRecords(
@@ -328,11 +258,6 @@ def _detect(
         posed={},
         root=Path(),
     )
-
-
-def _find_medians(values: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
-    bounds = np.cumsum(np.bincount(owner, minlength=count))[:-1]
-    return np.array([np.median(part) for part in np.split(values, bounds)] if count else [])
 
 
 def _make_table(defects: DefectArrays, sizes: Mapping[TrendQuantity, DefectSizes], name: str) -> pa.Table:

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from cli.options import console, problems
+from cli.options import console, problems, require_output_folder
 from facadelake.core.errors import InputDataError
 from facadelake.evaluation.detectors.labels import LabelFormat
 from schemas.vocabulary import DefectClass
@@ -87,9 +87,10 @@ def evaluate_detector(
         scale=scale,
         image_labels=tuple(image_labels or ()),
     )
+    require_output_folder(plots, "--plots")
     looker, crosswalk = open_prediction_source(path, threshold)
     if plots is not None:
-        plots.mkdir(parents=True, exist_ok=True)  # first, so that a folder that cannot be written fails at once
+        plots.mkdir(parents=True, exist_ok=True)
     with ProgressBars(problems) as bars, listen_to_progress(bars):
         answer = evaluate_prediction_source(looker, crosswalk, question)
     figures = None if answer.boxes is None else answer.boxes.figures

@@ -20,6 +20,7 @@ from cli.options import (
     console,
     problems,
     read_portfolio_at,
+    require_output_folder,
 )
 from facadelake.core.errors import InputDataError
 
@@ -69,6 +70,7 @@ def evaluate(
     With --history the tracks of all campaigns of the building: IDF1, states right and wrong, false repairs, changes.
     """
     registered = read_portfolio_at(portfolio).get_building(building)
+    require_output_folder(plots, "--plots")
     if history:
         given = {"CAMPAIGN": campaign, "--detections": detections, "--as-of": as_of}
         _evaluate_history(registered, lake, truth, plots, given, as_json=as_json)
@@ -90,10 +92,11 @@ def _evaluate_campaign(
     as_json: bool,
 ) -> None:
     from cli.terminal.answers import show_figures
+    from facadelake.campaigns import resolve_campaign
     from facadelake.evaluation.campaigns import compare_campaign, compute_figures
     from facadelake.lake import resolve_version
 
-    version = resolve_version(lake, as_of)
+    version, campaign = resolve_version(lake, as_of), resolve_campaign(building, campaign)
     compared = compare_campaign(building, campaign, lake=lake, truth=truth, detections=detections, as_of=version)
     if plots is not None:
         from facadelake.evaluation.campaigns import write_plots

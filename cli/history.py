@@ -16,6 +16,7 @@ from cli.options import (
     PortfolioPath,
     console,
     read_portfolio_at,
+    require_output_folder,
 )
 from facadelake.core.errors import InputDataError
 
@@ -43,10 +44,12 @@ def compare(
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
-    """Compare two campaigns: which defects are new, reopened, grown, repaired, missed, or not looked at.
+    """Compare two campaigns: which defects are new, reopened, grown, of another class or severity, repaired, missed,
+    or not looked at.
 
-    The table lists what needs attention, the most urgent first; unchanged defects are counted. The page shows the
-    states on each elevation, and every listed defect before and after with a slider; it needs no network.
+    What is said is the later campaign against the earlier one, whatever lies between. The table lists what needs
+    attention, the most urgent first; unchanged defects are counted. The page shows the states on each elevation, and
+    every listed defect before and after with a slider; it needs no network.
     """
     from cli.terminal.drawing import run_with_progress
     from cli.terminal.history import show_comparison
@@ -55,6 +58,8 @@ def compare(
     from facadelake.reporting.history import PAIRS_MAX, compare_committed, locate_comparison, write_comparison
 
     require_known(lake, portfolio, building)
+    if page:
+        require_output_folder(output or lake / "comparisons", "--output" if output else "folder of the page:")
     version = resolve_version(lake, as_of)
     comparison, tables = compare_committed(lake, building, earlier, later, as_of=version)
     show_comparison(console, comparison, limit)
@@ -88,6 +93,7 @@ def why(
     from facadelake.lake import resolve_version
     from facadelake.reporting.history import draw_track, explain_track
 
+    require_output_folder(pictures, "--pictures")
     version = resolve_version(lake, as_of)
     explained = explain_track(lake, track, as_of=version)
     show_explanation(console, explained)

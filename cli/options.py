@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -39,7 +40,9 @@ AsOf = Annotated[
         "2026-04-30 (its end), 2026-04-30T14:30, 2026-04-30T14:30+02:00; UTC where no offset is given.",
     ),
 ]
-CampaignId = Annotated[str, typer.Argument(help="Id of the campaign, such as 2026-04; 'latest' is the newest.")]
+CampaignId = Annotated[
+    str, typer.Argument(help="Id of the campaign, such as 2026-04; 'latest' is the newest by capture time.")
+]
 DEFAULT_PORTFOLIO = CHECKOUT / "data" / "portfolio.yaml"
 DEFAULT_LAKE = CHECKOUT / "lake"
 
@@ -51,6 +54,29 @@ def require_lake(lake: Path) -> None:
     if not has_lake(lake):
         raise InputDataError(
             f"there is no lake in {lake}; inspect a campaign first, or name another with --lake or FACADELAKE_LAKE"
+        )
+
+
+def require_output_folder(folder: Path | None, option: str) -> None:
+    """Raise InputDataError where files cannot be written into ``folder``, so that a command ends before its work.
+
+    Args:
+        folder: the folder, which need not exist; None: none was given.
+        option: the option that named it.
+    """
+    if folder is None:
+        return
+    there = next(one for one in (folder.absolute(), *folder.absolute().parents) if one.exists())
+    if not there.is_dir():
+        named = "is a file" if there == folder.absolute() else f"cannot be created, since {there} is a file"
+        raise InputDataError(
+            f"{option} {folder} {named}, but several files are written into a folder: name another one, or move the "
+            "file away"
+        )
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise InputDataError(
+            f"{option} {folder} cannot be written: {there} may not be changed by this user; name another folder, or "
+            "change its rights"
         )
 
 

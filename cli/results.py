@@ -18,8 +18,8 @@ from cli.options import (
     PortfolioPath,
     console,
     read_portfolio_at,
+    require_output_folder,
 )
-from facadelake.core.errors import InputDataError
 
 
 def campaigns(
@@ -80,6 +80,7 @@ def coverage(
         str | None, typer.Argument(help="The campaign; left out, the newest of the building in the lake.")
     ] = None,
     limit: Annotated[int, typer.Option(min=1, help="Maximum number of listed areas.")] = 20,
+    least: Annotated[float, typer.Option(min=0.0, help="Smallest listed area, in square metres.")] = 0.5,
     as_of: AsOf = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: ExistingLakePath = DEFAULT_LAKE,
@@ -92,7 +93,7 @@ def coverage(
     from cli.terminal.coverage import show_coverage
     from facadelake.lake import resolve_version
 
-    show_coverage(console, lake, portfolio, building, campaign, limit, resolve_version(lake, as_of))
+    show_coverage(console, lake, portfolio, building, campaign, limit, least, resolve_version(lake, as_of))
 
 
 def sql(
@@ -124,27 +125,22 @@ def sql(
 def export(
     building: BuildingId,
     file: Annotated[Path, typer.Argument(help="File to write; the suffix is the format: .gpkg .parquet .geojson .csv")],
-    campaign: Annotated[str | None, typer.Option(help="Only this campaign.")] = None,
+    campaign: Annotated[
+        str | None, typer.Option(help="Only this campaign; not for tracks, which are of the whole history.")
+    ] = None,
     table: Annotated[str, typer.Option(help="Table to export.")] = "defects",
     as_of: AsOf = None,
     portfolio: PortfolioPath = DEFAULT_PORTFOLIO,
     lake: ExistingLakePath = DEFAULT_LAKE,
 ) -> None:
     """Write a building's defects (or another table) to a file for GIS or a spreadsheet."""
-    from cli.terminal.listings import require_committed, require_known
-    from facadelake.lake import read_table, resolve_version
+    from cli.terminal.listings import read_exported, require_known
+    from facadelake.lake import resolve_version
     from facadelake.publish import export_table
 
     require_known(lake, portfolio, building)
     version = resolve_version(lake, as_of)
-    rows = read_table(lake, table, building_id=building, campaign_id=campaign, as_of=version)
-    if not len(rows):
-        require_committed(lake, building, campaign, version)
-        raise InputDataError(
-            f"the lake {lake} has no rows of '{table}' for building '{building}'"
-            + (f", campaign '{campaign}'" if campaign else "")
-            + "; 'facadelake campaigns' lists what it holds"
-        )
+    rows = read_exported(lake, table, building, campaign, version)
     export_table(table, rows, file)
     console.print(f"{len(rows)} rows of {table} written to {file}")
 
@@ -216,6 +212,7 @@ def pictures(
     from facadelake.reporting import draw_pictures
 
     registered = read_portfolio_at(portfolio).get_building(building)
+    require_output_folder(output, "--output")
     chosen, version = resolve_campaign(registered, campaign), resolve_version(lake, as_of)
     draw_in_terminal(
         console,

@@ -19,6 +19,7 @@ from cli.options import (
     PortfolioPath,
     console,
     read_portfolio_at,
+    require_output_folder,
 )
 from facadelake.core.errors import InputDataError
 from facadelake.reviews.training import PictureMode, TrainingLabelFormat
@@ -57,6 +58,7 @@ def export_task(
     from facadelake.reviews import export_task as write
 
     registered = read_portfolio_at(portfolio).get_building(building)
+    require_output_folder(folder, "FOLDER")
     task, files = write(
         registered,
         resolve_campaign(registered, campaign),
@@ -225,6 +227,7 @@ def compare_models(
     from facadelake.evaluation.model_comparison import compare_models as compare
     from facadelake.lake import resolve_version
 
+    require_output_folder(output, "--output")
     done = compare(
         read_portfolio_at(portfolio),
         find_default_model() if old == "default" else Path(old),

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any
 
 from prefect.client.orchestration import SyncPrefectClient
 from prefect.client.schemas.filters import (
@@ -19,7 +19,7 @@ from prefect.client.schemas.filters import (
     TaskRunFilterStateType,
 )
 from prefect.client.schemas.objects import FlowRun, State, StateType
-from prefect.flows import Flow, FlowStateHook
+from prefect.flows import Flow
 from prefect.settings import get_current_settings
 from prefect.states import Crashed
 
@@ -49,16 +49,8 @@ def drop_note(flow: Flow[..., Any], flow_run: FlowRun, state: State) -> None:
     _locate_note(str(flow_run.id)).unlink(missing_ok=True)
 
 
-class _Hooks(TypedDict):
-    on_running: list[FlowStateHook[..., Any]]
-    on_completion: list[FlowStateHook[..., Any]]
-    on_failure: list[FlowStateHook[..., Any]]
-    on_crashed: list[FlowStateHook[..., Any]]
-    on_cancellation: list[FlowStateHook[..., Any]]
-
-
 # Of every flow: @flow(..., **HOOKS).
-HOOKS: _Hooks = {
+HOOKS: dict[str, Any] = {
     "on_running": [note_process],
     "on_completion": [drop_note],
     "on_failure": [drop_note],

@@ -13,7 +13,7 @@ from facadelake.core.pose_table import read_posed_cameras
 from facadelake.core.tables import read_table
 from facadelake.lake import read_tables
 from facadelake.reporting import Inspection, PictureSettings
-from facadelake.reporting.history import TABLES, compare_with_previous
+from facadelake.reporting.history import READ_COLUMNS, TABLES, compare_with_previous
 from facadelake.reporting.page import write_report
 from schemas.tables import HISTORY_TABLES
 from tasks.job import InspectionJob, StageResult, StageResults
@@ -22,7 +22,7 @@ from tasks.stage import Counts, run_stage
 from tasks.track import LOOKS, TrackedCampaigns
 from tasks.verify_model import read_as_built_surface
 
-_OF_CAMPAIGNS = ("buildings", "campaigns", "poses", "defects")  # of the campaign before, besides the history
+_OF_CAMPAIGNS = ("buildings", "campaigns", "poses", "defects", "observations")  # besides the history
 PICTURES = "pictures"  # published; the stage's folder also holds diagnostics
 
 
@@ -55,7 +55,7 @@ def draw(job: InspectionJob, results: StageResults, checks: StageResult, tracked
             placement_sigma_max_m=job.building.tolerances.placement_sigma_max_m,
             as_built=read_as_built_surface(results.integrity, results.placed),
         )
-        committed = read_tables(job.lake, _OF_CAMPAIGNS, building_id=job.building.id)
+        committed = read_tables(job.lake, _OF_CAMPAIGNS, building_id=job.building.id, columns=READ_COLUMNS)
         states = {name: read_table(name, history.folder) for name in TABLES if name in HISTORY_TABLES}
         since = compare_with_previous({**committed, **states}, job.building, job.campaign_id, job.lake, building.origin)
         write_report(inspection, Surface(building), folder / PICTURES, PictureSettings(), since)

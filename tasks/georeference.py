@@ -7,6 +7,7 @@ from pathlib import Path
 from prefect import task
 
 from facadelake.building import list_registered_readings, read_building
+from facadelake.campaigns import find_earlier_campaigns
 from facadelake.core.hashing import hash_file
 from facadelake.core.proj.crs import GEO
 from facadelake.core.tables import read_table, write_table
@@ -17,7 +18,7 @@ from facadelake.georeferencing import (
     build_poses_table,
     georeference_reconstruction,
 )
-from facadelake.georeferencing.campaign import REFERENCE_FILE, list_earlier_references, read_reference
+from facadelake.georeferencing.campaign import REFERENCE_FILE, list_references, read_reference
 from facadelake.georeferencing.gcp import read_surveyed_points
 from facadelake.georeferencing.model import build_model_control
 from facadelake.sfm import read_descriptors, read_reconstruction
@@ -39,7 +40,7 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
     )
     # With GPS or model control, no earlier campaign is used.
     alone = job.control in (ControlKind.GPS, ControlKind.MODEL)
-    references = [] if alone else list_earlier_references(job.lake, building.id, job.campaign_id)
+    references = [] if alone else _list_earlier_references(job, photos)
     root = building.locate_photographs(job.campaign_id)
     accepted = building.list_accepted_statements(job.campaign_id)
 
@@ -102,3 +103,11 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
     }
     reads = {"model": model, "photos": photos, "block": block}
     return run_stage(job, "georeference", reads=reads, inputs=inputs, make=make)
+
+
+def _list_earlier_references(job: InspectionJob, photos: StageResult) -> list[Path]:
+    """The references of the building's campaigns that were flown before this one, the first one first."""
+    table = read_table("photos", photos.folder)
+    return list_references(
+        job.lake, job.building.id, find_earlier_campaigns(job.lake, job.building.id, job.campaign_id, table)
+    )

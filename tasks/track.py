@@ -45,11 +45,12 @@ LOOKS = "looks"  # folder of pictures, published; named by track, campaign that 
 
 @dataclass(frozen=True, kw_only=True)
 class TrackedCampaigns:
-    """The tables of the history, the runs of the campaigns they are made of, and the tracks that the lake had."""
+    """The tables of the history, the runs of the campaigns they are made of, the tracks that the lake had, the code."""
 
     stage: StageResult
     run_ids: Mapping[str, str]
     known_tracks: frozenset[str]
+    code_sha256: str
     warnings: tuple[str, ...]
 
 
@@ -103,6 +104,7 @@ def track_campaigns(job: InspectionJob, model: StageResult, history: BuildingHis
         stage=stage,
         run_ids=history.run_ids,
         known_tracks=frozenset(row["track_id"] for row in known["tracks"]),
+        code_sha256=job.code_sha256,
         warnings=(*history.remarks, *refused),
     )
 
@@ -119,6 +121,7 @@ def build_tracked_history(tracked: TrackedCampaigns) -> TrackedHistory:
         tables={name: read_table(name, tracked.stage.folder) for name in HISTORY_TABLES},
         run_ids=tracked.run_ids,
         known_tracks=tracked.known_tracks,
+        code_sha256=tracked.code_sha256,
     )
 
 

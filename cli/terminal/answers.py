@@ -45,7 +45,7 @@ def print_answer(
 ) -> None:
     """Print the rows of a stored question or a SELECT statement."""
     from facadelake.lake import answer_question as ask_stored
-    from facadelake.lake import list_questions, query, require_known_names
+    from facadelake.lake import list_questions, query
 
     given: dict[str, str] = {}
     for text in parameters:
@@ -54,7 +54,6 @@ def print_answer(
             raise InputDataError(f"parameter '{text}' is not name=value, such as building_id=castle")
         given[name] = value
     if question in {stored.name for stored in list_questions()}:
-        require_known_names(lake, given, as_of=as_of)
         answer = ask_stored(lake, question, given, as_of=as_of)
     elif " " not in question.strip():
         names = [stored.name for stored in list_questions()]

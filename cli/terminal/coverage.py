@@ -11,17 +11,21 @@ from rich.markup import escape
 from rich.table import Table as RichTable
 
 from cli.terminal.listings import require_committed, require_known
-from facadelake.core.errors import InputDataError
+from facadelake.building.surface import Surface
+from facadelake.campaigns import read_committed_model
+from facadelake.core.errors import FacadelakeError, InputDataError
+from facadelake.core.tables import Row, list_rows
 from facadelake.coverage import (
     ALL_STOREYS,
     OBSTACLES,
     CoverageTotal,
-    UnimagedArea,
+    ReflightList,
     describe_contradictions,
-    find_unimaged_areas,
+    list_reflights,
     summarise_coverage,
 )
 from facadelake.lake import find_latest_campaign, read_tables
+from facadelake.registry import read_portfolio
 from schemas.vocabulary import SurfaceKind
 
 
@@ -32,6 +36,7 @@ def show_coverage(
     building: str,
     campaign: str | None,
     limit: int,
+    least_m2: float,
     as_of: int | None,
 ) -> None:
     """Print the totals of a committed campaign and its re-flight list.
@@ -43,6 +48,7 @@ def show_coverage(
         building: the building.
         campaign: the campaign; None: the newest of the building in the lake.
         limit: largest number of areas that are listed.
+        least_m2: smallest area that is listed, square metres.
         as_of: an earlier version of the lake; None: the newest.
 
     Raises:
@@ -59,7 +65,7 @@ def show_coverage(
             f"campaign '{chosen}' of building '{building}' has no coverage: it was committed before coverage was "
             "measured, or its building has no facades; 'facadelake inspect' measures it, finished stages are kept"
         )
-    totals, areas = summarise_coverage(tables["coverage"]), find_unimaged_areas(tables["coverage"])
+    totals = summarise_coverage(tables["coverage"])
     console.print(_build_totals(f"Coverage of {building} {chosen}", totals))
     for line in _explain_totals(totals):
         console.print(line)
@@ -68,7 +74,11 @@ def show_coverage(
     contradictions = describe_contradictions(tables["coverage"], tables["defects"])
     if contradictions:
         console.print(f"[yellow]{escape(contradictions)}[/yellow]")
-    console.print(_build_areas(areas, limit))
+    surface = _read_surface(portfolio, building, chosen, list_rows(tables["buildings"])[0])
+    reflights = list_reflights(tables["coverage"], surface, least_m2=least_m2)
+    if reflights.areas:
+        console.print(_build_areas(reflights, limit))
+    console.print(reflights.describe())
 
 
 def describe_totals(coverage: pa.Table) -> str:
@@ -129,7 +139,17 @@ def _explain_totals(totals: Sequence[CoverageTotal]) -> list[str]:
     return lines
 
 
-def _build_areas(areas: Sequence[UnimagedArea], limit: int) -> RichTable:
+def _read_surface(portfolio: Path, building: str, campaign: str, committed: Row) -> Surface | None:
+    """The surface of the portfolio's model; None where there is none, or another than the campaign's."""
+    try:
+        model = read_committed_model(read_portfolio(portfolio).get_building(building), campaign, committed)
+    except FacadelakeError:
+        return None
+    return Surface(model) if model.has_surface else None
+
+
+def _build_areas(reflights: ReflightList, limit: int) -> RichTable:
+    areas = reflights.areas
     rest = areas[limit:]
     caption = f"{len(areas)} area{'' if len(areas) == 1 else 's'}, {sum(area.area_m2 for area in areas):.1f} m²"
     if rest:

@@ -15,22 +15,27 @@ from facadelake.reporting.history import (
     MEANINGS,
     BuildingComparison,
     Finding,
+    describe_class,
+    describe_count,
     describe_evidence,
+    describe_grade,
     describe_offsets,
+    describe_sizes,
     describe_span,
     format_changes,
-    format_size,
 )
-from facadelake.severity import describe_severity
 
 if TYPE_CHECKING:
     from facadelake.reporting.history import TrackExplanation, TrackPictures
 
 _COLOURS = {
     Finding.REOPENED: "bold red",
+    Finding.REPAIRED_BETWEEN: "bold red",
     Finding.GROWN: "bold red",
+    Finding.CLASS_CHANGED: "bold red",
     Finding.NEW: "magenta",
     Finding.FIRST_SEEN: "magenta",
+    Finding.REGRADED: "yellow",
     Finding.NOT_IMAGED: "yellow",
     Finding.NOT_FOUND: "yellow",
     Finding.MISSED: "blue",
@@ -64,12 +69,11 @@ def _build_list(console: Console, comparison: BuildingComparison, limit: int) ->
         cells = [
             escape(track.track_id),
             _colour(track.finding),
-            track.defect_class,
-            escape(describe_severity(track.place)),
+            describe_class(track),
+            escape(describe_grade(track)),
             escape(place),
-            format_size(track.before),
-            format_size(track.after),
-            format_changes(track.changes, track.defect_class, comparison.earlier),
+            *(escape(size) for size in describe_sizes(track)),
+            escape(format_changes(track.changes, track.defect_class, track.pair)),
         ]
         table.add_row(*cells, *([escape(describe_evidence(track))] if wide else []))
     return table
@@ -78,7 +82,7 @@ def _build_list(console: Console, comparison: BuildingComparison, limit: int) ->
 def _build_counts(comparison: BuildingComparison) -> RichTable:
     counts = comparison.count_findings()
     table = RichTable(
-        title=f"{len(comparison.tracks)} defects in {escape(comparison.earlier)} or {escape(comparison.later)}",
+        title=escape(describe_count(comparison)),
         title_justify="left",
     )
     table.add_column("")

@@ -12,14 +12,18 @@ from rich.table import Table as RichTable
 
 from facadelake.core.errors import InputDataError, suggest_name
 from facadelake.core.tables import list_rows
-from facadelake.lake import answer_question, has_lake, query, read_table
+from facadelake.lake import answer_question, find_latest_campaign, has_lake, query, read_table
 from facadelake.registry import Portfolio, read_portfolio
 from facadelake.severity import describe_severity
+from schemas.tables import HISTORY_TABLES
 from schemas.vocabulary import CrackWidthOutcome, DefectClass
 
 if TYPE_CHECKING:
+    import pyarrow as pa
+
     from facadelake.lake import Regrading
 
+_OF_WHOLE_HISTORY = frozenset(name for name, table in HISTORY_TABLES.items() if "campaign_id" not in table.key)
 WIDE_COLUMNS = 120  # a narrower terminal shows no coordinates; 'facadelake sql' and 'export' have them
 
 
@@ -27,7 +31,7 @@ def show_campaigns(console: Console, portfolio: Portfolio, lake: Path, only: str
     """Print one line for each campaign that is registered or in the lake at version ``as_of`` (None: the newest)."""
     if only is not None:
         portfolio.get_building(only)
-    held = list_rows(answer_question(lake, "campaigns", {"building_id": only}, as_of=as_of)) if has_lake(lake) else []
+    held = list_rows(answer_question(lake, "campaigns", as_of=as_of)) if has_lake(lake) else []
     at = "" if as_of is None else f" at version {as_of}"
     table = RichTable(title=f"Campaigns (lake {lake}{at})", title_justify="left")
     for column in (
@@ -46,11 +50,13 @@ def show_campaigns(console: Console, portfolio: Portfolio, lake: Path, only: str
         if only in (None, building.id):
             for campaign in building.list_campaigns():
                 lines[building.id, campaign] = ("", "", "", "", "not yet inspected", "")
-    for row in held:
+    for row in (row for row in held if only in (None, row["building_id"])):
         key = (row["building_id"], row["campaign_id"])
         counts = (row["photos_total"], row["photos_localised"], row["detections_total"], row["defects_total"])
         lines[key] = (*map(str, counts), f"{row['finished_at']:%Y-%m-%d %H:%M}", str(row["version"] or ""))
-    for key in sorted(lines):
+    # Those in the lake in order of time, as it lists them, then those that are not inspected yet.
+    places = {(row["building_id"], row["campaign_id"]): place for place, row in enumerate(held)}
+    for key in sorted(lines, key=lambda key: (key[0], places.get(key, len(places)), key[1])):
         table.add_row(*key, *lines[key])
     console.print(table)
 
@@ -76,6 +82,46 @@ def require_committed(lake: Path, building: str, campaign: str | None, as_of: in
             f"the lake {lake} has{at} no campaign '{campaign}' of building '{building}'{like}; "
             f"it has {', '.join(known) or 'none'}"
         )
+
+
+def read_exported(lake: Path, name: str, building: str, campaign: str | None, as_of: int | None) -> pa.Table:
+    """Rows of a table of a building to be exported.
+
+    Args:
+        lake: folder of the lake.
+        name: the table.
+        building: a building of the lake or of the portfolio.
+        campaign: only this campaign; None: all.
+        as_of: an earlier version of the lake; None: the newest.
+
+    Returns:
+        The rows, at least one.
+
+    Raises:
+        InputDataError: there are none, or a campaign is named for a table of the whole history.
+    """
+    require_committed(lake, building, campaign, as_of)
+    if campaign is not None and name in _OF_WHOLE_HISTORY:
+        raise InputDataError(
+            f"table {name} is of the whole history of a building, and is filed with its latest campaign "
+            f"({find_latest_campaign(lake, building, as_of=as_of)}); leave out --campaign, or export track_states, "
+            f"which has what campaign '{campaign}' says of each track"
+        )
+    rows = read_table(lake, name, building_id=building, campaign_id=campaign, as_of=as_of)
+    if len(rows):
+        return rows
+    held = set(read_table(lake, name, building_id=building, as_of=as_of).column("campaign_id").to_pylist())
+    at = "" if as_of is None else f" at version {as_of}"
+    if held:
+        raise InputDataError(
+            f"the lake {lake} has{at} no rows of '{name}' for building '{building}', campaign '{campaign}'; it has "
+            f"some of {', '.join(sorted(held))}"
+        )
+    if name in HISTORY_TABLES and not len(read_table(lake, "frame_offsets", building_id=building, as_of=as_of)):
+        reason = f"its campaigns were committed without a history; 'facadelake track {building}' makes it"
+    else:
+        reason = "'facadelake campaigns' lists what it holds"
+    raise InputDataError(f"the lake {lake} has{at} no rows of '{name}' for building '{building}'; {reason}")
 
 
 def _format_crack_width(row: Mapping[str, Any]) -> str:

@@ -13,7 +13,7 @@ from rich.table import Table as RichTable
 from cli.terminal.listings import WIDE_COLUMNS, require_known
 from facadelake.core.errors import InputDataError, suggest_name
 from facadelake.core.tables import list_rows
-from facadelake.lake import answer_question, has_lake
+from facadelake.lake import answer_question
 from schemas.vocabulary import DefectClass, TrackState, TrendQuantity
 
 if TYPE_CHECKING:
@@ -58,11 +58,9 @@ def show_tracks(
             if one not in set(known):
                 like = suggest_name(one, known)
                 raise InputDataError(f"there is no {name} '{one}'{like}; there are {', '.join(known)}")
-    if not has_lake(lake):
-        require_known(lake, portfolio, building)
-    rows = list_rows(answer_question(lake, "tracks", {"building_id": building}, as_of=as_of))
+    require_known(lake, portfolio, building)
+    rows = [row for row in list_rows(answer_question(lake, "tracks", as_of=as_of)) if row["building_id"] == building]
     if not rows:
-        require_known(lake, portfolio, building)
         raise InputDataError(
             f"the lake {lake} has{'' if as_of is None else f' at version {as_of}'} no tracks of building '{building}': "
             f"its campaigns were committed without a history; 'facadelake track {building}' makes it"

@@ -1,3 +1,6 @@
+from .capture_order import CampaignOrder as CampaignOrder
+from .capture_order import find_earlier_campaigns as find_earlier_campaigns
+from .capture_order import order_by_capture as order_by_capture
 from .committed import read_committed_model as read_committed_model
 from .committed import read_committed_tables as read_committed_tables
 from .grids import check_grids as check_grids

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,7 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from facadelake.building import BuildingModel
-from facadelake.core.errors import InputDataError
+from facadelake.campaigns.capture_order import has_date, resolve_capture_time
 from facadelake.core.tables import list_rows
 from facadelake.lake import RunRecord, has_lake, read_table, read_tables
 from facadelake.tracking import CampaignRecords, CampaignViews, KnownHistory, LookRequest, read_records
@@ -21,7 +20,6 @@ from schemas.tables import LAKE_TABLES
 
 _READ = ("buildings", "campaigns", "runs", "georeference", "poses", "observations", "defects")
 _KNOWN = ("tracks", "track_states", "track_reviews")
-_DATE = re.compile(r"(\d{4})(?:\D?(\d{2}))?(?:\D?(\d{2}))?")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -104,22 +102,8 @@ def _split_by_campaign(tables: Mapping[str, pa.Table]) -> dict[str, Mapping[str,
 
 
 def find_capture_time(campaign_id: str, campaigns: pa.Table) -> tuple[datetime, str | None]:
-    """When a campaign was flown, and what is to be said of it: by its photographs, else by its id."""
-    captured = campaigns.column("captured_from")[0].as_py()
-    if captured is not None:
-        return captured, None
-    date = _DATE.match(campaign_id)
-    if date is None:
-        raise InputDataError(
-            f"no photograph of campaign {campaign_id} has a capture time, and its id does not begin with a date such "
-            "as 2026-04: its place in the building's history is unknown; rename the campaign's folder"
-        )
-    year, month, day = (int(part) if part else 1 for part in date.groups())
-    try:
-        found = datetime(year, month, day, tzinfo=UTC)
-    except ValueError as error:
-        raise InputDataError(f"campaign {campaign_id} has no capture times, and its id is no date: {error}") from error
-    return found, f"no photograph has a capture time: {found:%Y-%m-%d} is taken from the id {campaign_id}"
+    """When a campaign was flown, by its row of table ``campaigns``, and what is to be said of it."""
+    return resolve_capture_time(campaign_id, campaigns.column("captured_from")[0].as_py())
 
 
 def _remark_order(records: Sequence[CampaignRecords]) -> tuple[str, ...]:
@@ -127,8 +111,7 @@ def _remark_order(records: Sequence[CampaignRecords]) -> tuple[str, ...]:
     by_time = sorted(records, key=lambda one: (one.tracked.captured_at, one.campaign_id))
     remarks = []
     for before, after in pairwise(by_time):
-        dated = [_DATE.match(one.campaign_id) for one in (before, after)]
-        if all(dated) and before.campaign_id > after.campaign_id:
+        if has_date(before.campaign_id) and has_date(after.campaign_id) and before.campaign_id > after.campaign_id:
             remarks.append(
                 f"campaign {before.campaign_id} was flown on {before.tracked.captured_at:%Y-%m-%d}, before "
                 f"{after.campaign_id} ({after.tracked.captured_at:%Y-%m-%d}), though its id is later: the history "

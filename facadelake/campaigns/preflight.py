@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 
+from facadelake.campaigns.capture_order import order_by_capture
 from facadelake.core.errors import InputDataError
 from facadelake.detection import load_configured_detector, resolve_default_model
 from facadelake.georeferencing.imported import list_pose_files
@@ -13,20 +15,33 @@ from facadelake.registry import Building, CocoDetectorSetting
 from facadelake.severity import find_rule_file
 from schemas.vocabulary import ControlKind, SurfaceKind
 
+logger = logging.getLogger(__name__)
+
 LATEST = "latest"
 AUTO = "auto"
 
 
 def resolve_campaign(building: Building, campaign_id: str) -> str:
-    """The campaign, or for 'latest' the building's newest; InputDataError where it has none."""
+    """The campaign, or for 'latest' the building's newest by its photographs' times; InputDataError where it has none.
+
+    Where the order of the campaigns is not by their photographs, a warning is logged.
+    """
+    found, remarks = _find_campaign(building, campaign_id)
+    for remark in remarks:
+        logger.warning("%s", remark)
+    return found
+
+
+def _find_campaign(building: Building, campaign_id: str) -> tuple[str, tuple[str, ...]]:
+    """The campaign, and what is to be said of the order by which it is the latest."""
     if campaign_id != LATEST:
-        return campaign_id
-    known = building.list_campaigns()
-    if not known:
+        return campaign_id, ()
+    order = order_by_capture(building)
+    if not order.campaigns:
         raise InputDataError(
             f"building '{building.id}' has no campaign with photographs; searched {building.photographs}"
         )
-    return known[-1]
+    return order.campaigns[-1], order.remarks
 
 
 def choose_poses(building: Building, campaign_id: str, georeference: str, poses: str | None) -> Path | None:
@@ -131,7 +146,7 @@ def plan_inspection(
 
     Args:
         building: the registered building.
-        campaign_id: its campaign; 'latest' is the newest with photographs.
+        campaign_id: its campaign; 'latest' is the newest with photographs, by their times.
         georeference: a control, or 'auto'.
         detections: other detections than the portfolio's: the name of an alternative, or a COCO file.
         poses: a file or folder of poses of another program.
@@ -140,8 +155,8 @@ def plan_inspection(
         InputDataError: for missing files and contradictory options.
         ModelError: for a detector that cannot be used.
     """
-    campaign = resolve_campaign(building, campaign_id)
-    warnings = check_files(building, campaign, detections)
+    campaign, remarks = _find_campaign(building, campaign_id)
+    warnings = (*remarks, *check_files(building, campaign, detections))
     check_control(building, campaign, georeference, poses)
     return PlannedInspection(
         building=resolve_default_model(building),

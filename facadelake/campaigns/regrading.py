@@ -62,7 +62,8 @@ def regrade_campaigns(
     newest = {
         row["campaign_id"]: row
         for row in list_versions(lake).to_pylist()
-        if row["building_id"] == building_id and row["reviewed_by"] is None  # a review changes nothing published
+        # A review changes nothing published; the history of a building by itself (of no campaign) is no release.
+        if row["building_id"] == building_id and row["campaign_id"] is not None and row["reviewed_by"] is None
     }
     releases = [
         publish_regraded(lake, building_id=building_id, campaign_id=campaign, version=row["version"])

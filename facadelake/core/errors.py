@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 
@@ -38,8 +39,26 @@ class CodeVersionError(FacadelakeError):
     """The code of a result cannot be identified, or changed while it was computed; nothing was stored."""
 
 
-def suggest_name(given: str, known: Iterable[str]) -> str:
-    """`` (did you mean 'x'?)`` with the known name most like ``given``, whatever its case; empty where none is."""
-    names = {name.lower(): name for name in known}
-    found = get_close_matches(given.lower(), names, n=1)
-    return f" (did you mean '{names[found[0]]}'?)" if found else ""
+def suggest_name(given: str, known: Iterable[str], count: int = 1) -> str:
+    """`` (did you mean 'x'?)`` with the known names most like ``given``, at most ``count``; empty where none is."""
+    near = [f"'{name}'" for name in _find_near_names(given, known, count)]
+    return f" (did you mean {' or '.join(filter(None, (', '.join(near[:-1]), near[-1])))}?)" if near else ""
+
+
+def _find_near_names(given: str, known: Iterable[str], count: int) -> list[str]:
+    """The known names most like ``given``, the nearest first; neither case nor zeros before a number count.
+
+    A number alone is near the names that end in it.
+    """
+    names: dict[str, str] = {}
+    for name in known:
+        names.setdefault(_simplify(name), name)
+    wanted = _simplify(given)
+    if wanted in names:
+        return [names[wanted]]
+    ending = [form for form in names if re.search(rf"\D{wanted}$", form)] if wanted.isdigit() else []
+    return [names[form] for form in (ending or get_close_matches(wanted, names, n=count))[:count]]
+
+
+def _simplify(name: str) -> str:
+    return re.sub(r"0*(\d+)", r"\1", name.lower())

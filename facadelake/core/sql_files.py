@@ -1,32 +1,35 @@
 """The statements of sql/: one per file, with a header that states grain, meaning and bound parameters.
 
 The header consists of SQL comments: ``-- grain: storey and class``, ``-- meaning: ...``, ``-- $campaign_id: the
-campaign``, and for a check ``-- table: defects``. A check of several tables is a template: ``-- {table}: defects |
-observations`` lists the values of ``{table}``; other placeholders, such as ``{key}``, have the same number of values.
+campaign``, and for a check ``-- table: defects``. A question declares in brackets what a parameter may be:
+``-- $campaign_id [campaigns.campaign_id]: the campaign`` (see ``facadelake/lake/known_values.py``). A check of several
+tables is a template: ``-- {table}: defects | observations`` lists the values of ``{table}``; other placeholders, such
+as ``{key}``, have the same number of values.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 from facadelake.core.errors import StoreError
 
-_LINE = re.compile(r"^-- (\$?\w+|\{\w+\}): (.*\S)\s*$")
+_LINE = re.compile(r"^-- (\$?\w+|\{\w+\})(?: \[(.+?)\])?: (.*\S)\s*$")
 
 
 @dataclass(frozen=True, kw_only=True)
 class SqlStatement:
-    """One statement; ``parameters`` are without the dollar sign; ``table`` is the table of a check, "" elsewhere."""
+    """One statement; ``parameters`` (without the dollar sign) have what each may be, "" where that is not declared;
+    ``table`` is the table of a check, "" elsewhere."""
 
     name: str
     grain: str
     meaning: str
     table: str
-    parameters: tuple[str, ...]
+    parameters: Mapping[str, str]
     sql: str
 
 
@@ -43,7 +46,7 @@ def read_statement_file(path: Path) -> tuple[SqlStatement, ...]:
     """The statement of a file; for a template one for each of its tables, named after the file and the table."""
     text = path.read_text("utf-8")
     header = _read_header(text)
-    columns = {name: header[name].split(" | ") for name in header if name.startswith("{")}
+    columns = {name: header[name][1].split(" | ") for name in header if name.startswith("{")}
     if len({len(values) for values in columns.values()}) > 1:
         raise StoreError(
             f"{path.name}: the placeholders {', '.join(columns)} have different numbers of values; give each as many"
@@ -69,13 +72,14 @@ def _fill_template(text: str, values: dict[str, str]) -> str:
     return filled
 
 
-def _read_header(text: str) -> dict[str, str]:
-    header: dict[str, str] = {}
+def _read_header(text: str) -> dict[str, tuple[str, str]]:
+    """What a header declares in brackets, "" without them, and says of each name."""
+    header: dict[str, tuple[str, str]] = {}
     for line in text.splitlines():
         found = _LINE.match(line)
         if not found:
             break
-        header[found[1]] = found[2]
+        header[found[1]] = (found[2] or "", found[3])
     return header
 
 
@@ -86,9 +90,9 @@ def _build_statement(name: str, text: str, file: str) -> SqlStatement:
         raise StoreError(f"the header of {file} lacks {' and '.join(missing)}; begin it with '-- grain: ...'")
     return SqlStatement(
         name=name,
-        grain=header["grain"],
-        meaning=header["meaning"],
-        table=header.get("table", ""),
-        parameters=tuple(key[1:] for key in header if key.startswith("$")),
+        grain=header["grain"][1],
+        meaning=header["meaning"][1],
+        table=header["table"][1] if "table" in header else "",
+        parameters={key[1:]: declared for key, (declared, _) in header.items() if key.startswith("$")},
         sql=text,
     )

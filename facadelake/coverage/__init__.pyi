@@ -2,11 +2,15 @@ from .campaign_reach import resolve_campaign_reach as resolve_campaign_reach
 from .coverage_table import measure_coverage as measure_coverage
 from .detector_reach import DetectorReach as DetectorReach
 from .photograph_views import CampaignPhotographs as CampaignPhotographs
+from .reflight import LEAST_AREA_M2 as LEAST_AREA_M2
+from .reflight import ReflightList as ReflightList
+from .reflight import UnimagedArea as UnimagedArea
+from .reflight import find_out_of_sight as find_out_of_sight
+from .reflight import find_unimaged_areas as find_unimaged_areas
+from .reflight import list_reflights as list_reflights
 from .summary import ALL_STOREYS as ALL_STOREYS
 from .summary import OBSTACLES as OBSTACLES
 from .summary import CoverageTotal as CoverageTotal
-from .summary import UnimagedArea as UnimagedArea
 from .summary import describe_contradictions as describe_contradictions
 from .summary import find_nearest_cells as find_nearest_cells
-from .summary import find_unimaged_areas as find_unimaged_areas
 from .summary import summarise_coverage as summarise_coverage

@@ -1,18 +1,16 @@
-"""Totals of a campaign's coverage by facade and storey, and the areas that no photograph shows, as rectangles."""
+"""Totals of a campaign's coverage by facade and storey, and what contradicts it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-import cv2
 import numpy as np
 import pyarrow as pa
 from scipy.spatial import cKDTree
 
-from facadelake.core.arrays import BoolArray, Float64N, Float64Nx3, Int64Array, RowIndices
-from facadelake.coverage.cells import CELL_M
+from facadelake.core.arrays import BoolArray, Float64Nx3, RowIndices
 from schemas.vocabulary import CoverageOutcome
 
 ALL_STOREYS = "all"
@@ -25,10 +23,8 @@ OBSTACLES: Mapping[str, str] = MappingProxyType(
         CoverageOutcome.NOT_IN_VIEW: "in no photograph",
     }
 )
-_FILLED_SHARE = 0.6  # a rectangle with a smaller share of cells that are not imaged is divided
 _LISTED_MIN_M2 = 0.1
 _NAMED_DEFECTS = 5
-_SMALLEST_SIDE = 4  # cells; smaller rectangles are not divided
 _TYPICAL_SHARE = 0.9
 
 
@@ -55,23 +51,6 @@ class CoverageTotal:
     def imaged_share(self) -> float:
         """Share of the surface that photographs show."""
         return self.imaged_m2 / self.surface_m2 if self.surface_m2 else 0.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class UnimagedArea:
-    """A rectangle of a facade (frame ``facade``, metres) with ``area_m2`` of surface that no photograph shows.
-
-    ``outcome``: what prevents it for the larger part. ``storeys``: from the lowest up.
-    """
-
-    facade: str
-    outcome: str
-    storeys: tuple[str, ...]
-    u_min_m: float
-    u_max_m: float
-    v_min_m: float
-    v_max_m: float
-    area_m2: float
 
 
 def find_nearest_cells(coverage: pa.Table, xyz_site_m: Float64Nx3, max_gap_m: float = 0.5) -> RowIndices:
@@ -115,7 +94,7 @@ def summarise_coverage(coverage: pa.Table) -> list[CoverageTotal]:
 
     Facades of less than 0.1 m2, such as the rim of a round corner, are left out.
     """
-    facade, storey = _collect_names(coverage, "facade"), _collect_names(coverage, "storey")
+    facade, storey = collect_names(coverage, "facade"), collect_names(coverage, "storey")
     level = coverage.column("z_site_m").to_numpy()
     totals = []
     for name in np.unique(facade):
@@ -129,7 +108,8 @@ def summarise_coverage(coverage: pa.Table) -> list[CoverageTotal]:
     return totals
 
 
-def _collect_names(coverage: pa.Table, column: str) -> np.ndarray:
+def collect_names(coverage: pa.Table, column: str) -> np.ndarray:
+    """A column of names as an array of text; empty where it has none."""
     return np.array([name or "" for name in coverage.column(column).to_pylist()], dtype=np.str_)
 
 
@@ -137,7 +117,7 @@ def _sum_cells(coverage: pa.Table, rows: BoolArray, facade: str, storey: str) ->
     area = coverage.column("area_m2").to_numpy()
     imaged = rows & (coverage.column("imaged_count").to_numpy() > 0)
     searched = rows & (coverage.column("searched_count").to_numpy() > 0)
-    outcome = _collect_names(coverage, "coverage_outcome")
+    outcome = collect_names(coverage, "coverage_outcome")
     prevented = {
         str(word): float(area[rows & (outcome == word)].sum()) for word in OBSTACLES if (rows & (outcome == word)).any()
     }
@@ -162,77 +142,3 @@ def _find_quantile(coverage: pa.Table, column: str, rows: BoolArray, share: floa
     order = np.argsort(values)
     reached = np.cumsum(coverage.column("area_m2").to_numpy()[rows][order])
     return float(values[order][np.searchsorted(reached, share * reached[-1] - 1e-9)])
-
-
-def find_unimaged_areas(coverage: pa.Table) -> list[UnimagedArea]:
-    """The areas of table ``coverage`` of one campaign that no photograph shows, the largest first.
-
-    Neighbouring cells are one rectangle; a rectangle that is largely imaged is divided.
-    """
-    missing = coverage.filter(pa.array(coverage.column("imaged_count").to_numpy() == 0))
-    facade = _collect_names(missing, "facade")
-    areas = []
-    for name in np.unique(facade):
-        own = missing.filter(pa.array(facade == name))
-        column, row = (own.column(axis).to_numpy() for axis in ("cell_column", "cell_row"))
-        left, low = int(column.min()), int(row.min())
-        grid = np.zeros((int(row.max()) - low + 1, int(column.max()) - left + 1), dtype=np.uint8)
-        grid[row - low, column - left] = 1
-        count, labels = cv2.connectedComponents(grid, connectivity=8)
-        for label in range(1, count):
-            for top, bottom, first, last in _divide_rectangle(labels == label, 0, 0):
-                inside = (row >= low + top) & (row < low + bottom) & (column >= left + first) & (column < left + last)
-                inside &= labels[row - low, column - left] == label
-                areas.append(_build_area(own, inside, str(name)))
-    return sorted(areas, key=lambda one: (-one.area_m2, one.facade, one.u_min_m, one.v_min_m))
-
-
-def _divide_rectangle(cells: BoolArray, top: int, left: int) -> Iterator[tuple[int, int, int, int]]:
-    """Rectangles (first and last row, first and last column, the last ones exclusive) that contain all cells."""
-    rows, columns = np.flatnonzero(cells.any(axis=1)), np.flatnonzero(cells.any(axis=0))
-    if len(rows) == 0:
-        return
-    part = cells[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    top, left = top + int(rows[0]), left + int(columns[0])
-    height, width = part.shape
-    if part.mean() >= _FILLED_SHARE or max(height, width) <= _SMALLEST_SIDE:
-        yield top, top + height, left, left + width
-        return
-    if width >= height:
-        half = _find_cut(part.mean(axis=0))
-        yield from _divide_rectangle(part[:, :half], top, left)
-        yield from _divide_rectangle(part[:, half:], top, left + half)
-    else:
-        half = _find_cut(part.mean(axis=1))
-        yield from _divide_rectangle(part[:half], top, left)
-        yield from _divide_rectangle(part[half:], top + half, left)
-
-
-def _find_cut(filled: Float64N) -> int:
-    """Where to cut a rectangle: at the largest change of the filled share along its longer side."""
-    return int(np.argmax(np.abs(np.diff(filled)))) + 1
-
-
-def _build_area(cells: pa.Table, inside: BoolArray, facade: str) -> UnimagedArea:
-    own = cells.filter(pa.array(inside))
-    area = own.column("area_m2").to_numpy()
-    outcome = _collect_names(own, "coverage_outcome")
-    words = np.unique(outcome)
-    storey, level = _collect_names(own, "storey"), own.column("z_site_m").to_numpy()
-    storeys = sorted((one for one in np.unique(storey) if one), key=lambda one: float(level[storey == one].min()))
-    column, row = _find_span(own, "cell_column"), _find_span(own, "cell_row")
-    return UnimagedArea(
-        facade=facade,
-        outcome=str(max(words, key=lambda word: float(area[outcome == word].sum()))),
-        storeys=tuple(str(one) for one in storeys),
-        u_min_m=float(column[0]) * CELL_M,
-        u_max_m=float(column[1] + 1) * CELL_M,
-        v_min_m=float(row[0]) * CELL_M,
-        v_max_m=float(row[1] + 1) * CELL_M,
-        area_m2=float(area.sum()),
-    )
-
-
-def _find_span(cells: pa.Table, column: str) -> Int64Array:
-    values = cells.column(column).to_numpy()
-    return np.array([values.min(), values.max()], dtype=np.int64)

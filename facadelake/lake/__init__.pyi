@@ -11,10 +11,10 @@ from .commit import commit_campaign as commit_campaign
 from .connect import has_lake as has_lake
 from .history import TrackedHistory as TrackedHistory
 from .history import commit_history as commit_history
+from .known_values import require_known_values as require_known_values
 from .questions import answer_question as answer_question
 from .questions import find_latest_campaign as find_latest_campaign
 from .questions import list_questions as list_questions
-from .questions import require_known_names as require_known_names
 from .read import list_versions as list_versions
 from .read import query as query
 from .read import read_table as read_table

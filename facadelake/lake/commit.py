@@ -156,7 +156,8 @@ def _read_regrading_rules(connection: duckdb.DuckDBPyConnection, run: _Run) -> t
 def _replace(
     connection: duckdb.DuckDBPyConnection, run: _Run, tables: Mapping[str, pa.Table], history: TrackedHistory | None
 ) -> int:
-    origin = {"building_id": run.building_id, "campaign_id": run.campaign_id, "run_id": run.run_id}
+    names = ("building_id", "campaign_id", "run_id", "code_sha256")
+    origin = {name: getattr(run, name) for name in names}
     with make_version(connection, f"{run.building_id} {run.campaign_id}", origin):
         for name, table in tables.items():
             connection.execute(

@@ -28,12 +28,13 @@ class TrackedHistory:
     """The history of a building, and what it was made of.
 
     ``tables``: every table of ``schemas.tables.HISTORY_TABLES`` by name. ``run_ids``: the run of every campaign.
-    ``known_tracks``: ids of the building's tracks in the lake when it was tracked.
+    ``known_tracks``: ids of the building's tracks in the lake when it was tracked. ``code_sha256``: the code that did.
     """
 
     tables: Mapping[str, pa.Table]
     run_ids: Mapping[str, str]
     known_tracks: frozenset[str]
+    code_sha256: str
 
 
 def commit_history(
@@ -79,7 +80,8 @@ def replace_changed_history(
     held = read_tables(lake, list(HISTORY_TABLES), building_id=building_id)
     if all(_is_same(held[name], history.tables[name], name) for name in HISTORY_TABLES):
         return None
-    with make_version(connection, f"{building_id} tracked", {"building_id": building_id, "tracked": True}):
+    origin = {"building_id": building_id, "tracked": True, "code_sha256": history.code_sha256}
+    with make_version(connection, f"history of {building_id}", origin):
         replace_history(connection, history, building_id)
     version = get_last_version(connection)
     logger.info("the history of %s committed as version %d", building_id, version)

@@ -76,13 +76,25 @@ def read_tables(
     building_id: str | None = None,
     campaign_id: str | None = None,
     as_of: int | None = None,
+    columns: Mapping[str, Sequence[str]] | None = None,
 ) -> dict[str, pa.Table]:
-    """Several tables of the same version, by name; arguments as of ``read_table``."""
+    """Several tables of the same version, by name; arguments as of ``read_table``.
+
+    Args:
+        lake: folder of the lake.
+        names: the tables.
+        building_id: only this building; None: all.
+        campaign_id: only this campaign; None: all.
+        as_of: an earlier version; None: the newest.
+        columns: the columns to read of a table; all of those that it does not name.
+
+    Raises SchemaError for an unknown table, StoreError for a lake that cannot be read or has no such version.
+    """
     unknown = [name for name in names if name not in LAKE_TABLES]
     if unknown:
         raise SchemaError(f"there is no table {', '.join(unknown)}; the tables are {', '.join(LAKE_TABLES)}")
-    wanted = {"building_id": building_id, "campaign_id": campaign_id}
-    given = {key: value for key, value in wanted.items() if value is not None}
+    chosen = {"building_id": building_id, "campaign_id": campaign_id}
+    given = {key: value for key, value in chosen.items() if value is not None}
     where = f"WHERE {' AND '.join(f'{key} = {quote_sql_value(given[key])}' for key in given)}" if given else ""
     found = {}
     with open_to_read(lake, as_of=as_of) as connection:
@@ -93,19 +105,19 @@ def read_tables(
             connection.execute("BEGIN")  # one transaction sees one version
             for name in names:
                 kind = LAKE_TABLES[name]
-                columns = [
-                    f"ST_AsWKB({c.name}) AS {c.name}" if c.kind is Kind.GEOMETRY else c.name for c in kind.columns
-                ]
+                wanted = [c for c in kind.columns if c.name in (columns or {}).get(name, kind.arrow.names)]
+                selected = [f"ST_AsWKB({c.name}) AS {c.name}" if c.kind is Kind.GEOMETRY else c.name for c in wanted]
                 rows = connection.execute(
-                    f"SELECT {', '.join(columns)} FROM {name} {where} ORDER BY {', '.join(kind.key)}"
+                    f"SELECT {', '.join(selected)} FROM {name} {where} ORDER BY {', '.join(kind.key)}"
                 ).to_arrow_table()
-                found[name] = rows.cast(kind.arrow)
+                found[name] = rows.cast(pa.schema([kind.arrow.field(c.name) for c in wanted], kind.arrow.metadata))
     return found
 
 
 def list_versions(lake: Path) -> pa.Table:
-    """One row per commit and campaign: version, committed_at (UTC), building_id, campaign_id, run_id (null where a
-    regrading or a review made the version), regraded_by and reviewed_by (null where they did not); the oldest first."""
+    """One row per commit and campaign: version, committed_at (UTC), building_id, campaign_id (null of a history by
+    itself), content, run_id (null where no inspection made the version), code_sha256 (null of regradings, reviews and
+    versions of an earlier Facadelake), regraded_by and reviewed_by (null where they did not); the oldest first."""
     with open_to_read(lake) as connection:
         present_current_schema(connection, lake)
         with wrap_lake_errors(
@@ -120,7 +132,9 @@ def list_versions(lake: Path) -> pa.Table:
                 ("committed_at", pa.timestamp("us", tz="UTC")),
                 ("building_id", pa.string()),
                 ("campaign_id", pa.string()),
+                ("content", pa.string()),
                 ("run_id", pa.string()),
+                ("code_sha256", pa.string()),
                 ("regraded_by", pa.string()),
                 ("reviewed_by", pa.string()),
             ]
@@ -163,9 +177,28 @@ def _query_with(
         except duckdb.ConversionException as error:
             raise InputDataError(_describe_conversion(error, parameters)) from error
         except duckdb.Error as error:
-            raise InputDataError(f"the question cannot be answered: {str(error).strip()}") from error
-    plain = [pa.field(field.name, field.type, field.nullable) for field in rows.schema]  # without DuckDB's metadata
+            reason = str(error).strip().removeprefix("Invalid Input Error: ")  # what a question's own error() says
+            raise InputDataError(f"the question cannot be answered: {reason}") from error
+    names = _make_unique(rows.schema.names)
+    plain = [  # without DuckDB's metadata
+        pa.field(name, field.type, field.nullable) for name, field in zip(names, rows.schema, strict=True)
+    ]
     return pa.Table.from_arrays(rows.columns, schema=pa.schema(plain))
+
+
+def _make_unique(names: Sequence[str]) -> list[str]:
+    """The names of an answer's columns; each later one of the same name has a number after it, as in DuckDB: a, a_1.
+
+    A row is told by the names of its columns, in JSON and elsewhere, so that of two equal ones the first would be lost.
+    """
+    unique: list[str] = []
+    for name in names:
+        free, number = name, 0
+        while free in unique:
+            number += 1
+            free = f"{name}_{number}"
+        unique.append(free)
+    return unique
 
 
 def _describe_conversion(error: duckdb.Error, parameters: Mapping[str, Value] | None) -> str:

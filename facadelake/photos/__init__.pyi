@@ -8,6 +8,7 @@ from .positions_file.registered import list_position_remarks as list_position_re
 from .positions_file.registered import read_registered_positions as read_registered_positions
 from .read import Photo as Photo
 from .read import PhotographSummary as PhotographSummary
+from .read import find_first_capture_time as find_first_capture_time
 from .read import read_photos as read_photos
 from .read import summarise_photographs as summarise_photographs
 from .utc_offset import describe_unknown_offsets as describe_unknown_offsets

@@ -20,7 +20,7 @@ from facadelake.core.hashing import hash_file
 from facadelake.photos.clock import is_clock_set
 from facadelake.photos.drone_xmp import DroneMetadata, parse_drone_metadata
 from facadelake.photos.exif import ExifMetadata, read_exif
-from facadelake.photos.files import FORMATS_BY_SUFFIX, explain_unsupported
+from facadelake.photos.files import FORMATS_BY_SUFFIX, explain_unsupported, find_photographs
 from facadelake.photos.lenses.lens import NOTHING_SAID, LensMetadata, read_lens
 from facadelake.photos.xmp import parse_packet
 
@@ -212,3 +212,18 @@ def summarise_photographs(paths: Iterable[Path]) -> PhotographSummary:
     return PhotographSummary(
         captured_from=min(times, default=None), captured_to=max(times, default=None), largest_px=largest
     )
+
+
+def find_first_capture_time(root: Path) -> datetime | None:
+    """The earliest time that EXIF of the photographs below ``root`` states; None where it states none, or no clock was
+    set. No pixels are decoded, so that a file that is cut off counts, too."""
+    found = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # reading the campaign tells them
+        for path in find_photographs(root):
+            try:
+                with Image.open(path) as image:
+                    found.append(read_exif(_get_exif(image)[0], width_px=image.width).taken_at)
+            except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
+                continue
+    return min((time for time in found if time is not None and is_clock_set(time)), default=None)

@@ -24,6 +24,7 @@ from facadelake.core.arrays import Float64Array, Float64Nx3, Int64Array
 from facadelake.core.frames import axes_from_normal, facade_from_site
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.publish.columns import FIRST, GEOMETRY, PATCH, decode_geometries, flatten_table
+from facadelake.publish.coverage_styles import create_coverage_style
 from facadelake.publish.geoparquet import CRS_2D, CRS_3D
 from schemas.tables import RUN_KEYS
 
@@ -120,13 +121,14 @@ def create_coverage_layers(coverage: pa.Table) -> Iterator[GisLayer]:
     """
     if not len(coverage):
         return
-    attributes = coverage.select(_COVERAGE_COLUMNS)
+    attributes, style = coverage.select(_COVERAGE_COLUMNS), create_coverage_style(coverage)
     yield GisLayer(
         name="coverage_3d",
         rows=attributes,
         geometry=_wkb_from_geometries(decode_geometries(coverage, GEOMETRY)),
         geometry_type="Polygon Z",
         crs=CRS_3D,
+        style=style,
     )
     for name, _, rows in _divide_by_plane(coverage):
         u_min, u_max, v_min, v_max = _collect_columns(rows, "u_min_m", "u_max_m", "v_min_m", "v_max_m").T
@@ -136,6 +138,7 @@ def create_coverage_layers(coverage: pa.Table) -> Iterator[GisLayer]:
             geometry=_wkb_from_geometries(shapely.box(u_min, v_min, u_max, v_max)),
             geometry_type="Polygon",
             crs=create_plane_crs(name),
+            style=style,
         )
 
 
@@ -236,7 +239,7 @@ def _write_styles(styles: Mapping[str, str], path: Path) -> None:
             "styleQML": list(styles.values()),
             "styleSLD": [""] * count,
             "useAsDefault": [True] * count,
-            "description": ["states of tracks"] * count,
+            "description": list(styles),
             "owner": [""] * count,
             "ui": [""] * count,
             "update_time": pa.array([datetime.now(UTC)] * count, pa.timestamp("ms", tz="UTC")),

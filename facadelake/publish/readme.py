@@ -23,8 +23,8 @@ defects.gpkg          GeoPackage. Layers: 'defects' (as defects_2d.parquet) and 
                       of coverage.parquet on the surface, and in the plane of the facade); where there is a history,
                       'tracks' and 'track_states' (as tracks.parquet without withdrawn tracks, and history.parquet),
                       both also in 3D ('_3d'), and 'tracks_N', 'tracks_NE', ... (outlines of the tracks in the plane
-                      of the facade), which QGIS draws by state, from table 'layer_styles'. Lists of numbers are JSON
-                      text.
+                      of the facade). QGIS draws tracks by state, and coverage as the report does, from table
+                      'layer_styles'. Lists of numbers are JSON text.
 observations.parquet  every detection with the outcome of its registration on the surface, EPSG:4979
 coverage.parquet      cells of 0.25 m of the facades: which the photographs show and how well, EPSG:4979; missing where
                       coverage was not measured

@@ -61,13 +61,18 @@ def create_state_style(geometry_type: str) -> str:
         layer = ElementTree.SubElement(
             symbol, "layer", {"class": "SimpleMarker" if is_point else "SimpleFill", "enabled": "1", "pass": "0"}
         )
-        _add_settings(layer, _describe_marker(style) if is_point else _describe_fill(style))
+        add_settings(layer, _describe_marker(style) if is_point else _describe_fill(style))
+    return write_document(root)
+
+
+def write_document(root: ElementTree.Element) -> str:
+    """The QML document of a style."""
     text: str = ElementTree.tostring(root, encoding="unicode")
     return f"<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n{text}"
 
 
 def _describe_marker(style: _StateStyle) -> dict[str, str]:
-    colour = _format_rgba(style.colour)
+    colour = format_rgba(style.colour)
     is_line = style.is_open or style.marker == "cross2"  # which has no area to be filled
     return {
         "name": style.marker,
@@ -83,7 +88,7 @@ def _describe_marker(style: _StateStyle) -> dict[str, str]:
 
 
 def _describe_fill(style: _StateStyle) -> dict[str, str]:
-    colour = _format_rgba(style.colour)
+    colour = format_rgba(style.colour)
     return {
         "color": colour,
         "style": style.pattern,
@@ -94,12 +99,13 @@ def _describe_fill(style: _StateStyle) -> dict[str, str]:
     }
 
 
-def _format_rgba(colour: str) -> str:
+def format_rgba(colour: str) -> str:
+    """A hex colour as QGIS writes it."""
     red, green, blue = bytes.fromhex(colour.removeprefix("#"))
     return f"{red},{green},{blue},255"
 
 
-def _add_settings(layer: ElementTree.Element, settings: dict[str, str]) -> None:
+def add_settings(layer: ElementTree.Element, settings: dict[str, str]) -> None:
     """Settings in the form of QGIS from 3.26 on (Option), and of older ones (prop)."""
     options = ElementTree.SubElement(layer, "Option", type="Map")
     for name, value in settings.items():

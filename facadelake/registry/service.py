@@ -32,14 +32,11 @@ class IntakeLimits(StrictModel):
 class RunLimits(StrictModel):
     """Limits of the inspections on this machine; None: those of the machine.
 
-    ``memory_gib``: all together. ``side_by_side``: how many at once at most. ``stage_memory_gib`` and
-    ``stage_minutes``: of one stage, which ends with an error beyond them.
+    ``memory_gib``: all together. ``side_by_side``: how many at once at most.
     """
 
     memory_gib: Annotated[float, Field(gt=0)] | None = None
     side_by_side: Annotated[int, Field(ge=1, le=64)] | None = None
-    stage_memory_gib: Annotated[float, Field(gt=0)] | None = None
-    stage_minutes: Annotated[float, Field(gt=0)] | None = None
 
 
 class NotifySetting(StrictModel):

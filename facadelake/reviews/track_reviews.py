@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from facadelake.core.errors import InputDataError, suggest_name
 from facadelake.core.tables import Row, list_rows
-from facadelake.lake import AppendResult, append_reviews, query, read_tables, require_known_names
+from facadelake.lake import AppendResult, append_reviews, query, read_tables, require_known_values
 from schemas.tables import LAKE_TABLES
 from schemas.vocabulary import TrackState
 
@@ -57,7 +57,11 @@ def review_track(
             "(docs/history.md)"
         )
     building_id = _find_building(lake, track_id)
-    require_known_names(lake, {"building_id": building_id, "campaign_id": campaign_id})
+    require_known_values(
+        lake,
+        {"building_id": building_id, "campaign_id": campaign_id},
+        {"campaign_id": "campaigns.campaign_id"},
+    )
     tables = read_tables(lake, ["runs", "track_states"], building_id=building_id, campaign_id=campaign_id)
     before = [row["track_state"] for row in list_rows(tables["track_states"]) if row["track_id"] == track_id]
     _require_possible(track_id, campaign_id, TrackState(state), TrackState(before[0]) if before else None)
@@ -95,7 +99,7 @@ def _require_possible(track_id: str, campaign_id: str, state: TrackState, before
 
 def _find_building(lake: Path, track_id: str) -> str:
     """The building of a track that the lake has, and that is not withdrawn."""
-    require_known_names(lake, {"track_id": track_id})
+    require_known_values(lake, {"track_id": track_id}, {"track_id": "tracks.track_id"})
     sql = "SELECT building_id, withdrawn FROM tracks WHERE track_id = $track_id"
     found = list_rows(query(lake, sql, {"track_id": track_id}))
     if len(found) != 1:

@@ -11,7 +11,7 @@ from .linked import link_history as link_history
 from .linked import list_look_requests as list_look_requests
 from .records import CampaignRecords as CampaignRecords
 from .records import read_records as read_records
-from .records import read_sizes as read_sizes
+from .second_look.alignment import align_patch as align_patch
 from .second_look.comparison import PatchGrid as PatchGrid
 from .second_look.comparison import Place as Place
 from .second_look.comparison import compare_views as compare_views
@@ -30,8 +30,14 @@ from .size_change import summarise_sizes as summarise_sizes
 from .size_pairs import SizedDefects as SizedDefects
 from .size_pairs import SizeDifference as SizeDifference
 from .size_pairs import compare_sized_pairs as compare_sized_pairs
+from .size_pairs import concatenate_sized as concatenate_sized
 from .size_pairs import judge_growth as judge_growth
+from .sizes import SIZE_COLUMNS as SIZE_COLUMNS
+from .sizes import read_sizes as read_sizes
+from .sizes import share_blur as share_blur
 from .states import StateInCampaign as StateInCampaign
 from .states import TrackEvidence as TrackEvidence
 from .states import decide_states as decide_states
+from .trend import Trend as Trend
 from .trend import fit_trend as fit_trend
+from .trend import predict_limit as predict_limit

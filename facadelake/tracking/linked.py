@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from datetime import timedelta
 
 import numpy as np
@@ -18,6 +18,7 @@ from facadelake.tracking.records import CampaignRecords
 from facadelake.tracking.second_look.look import LookRequest
 from facadelake.tracking.size_change import DefectSizes
 from facadelake.tracking.size_pairs import SizedDefects, SizeDifference, compare_sized_pairs
+from facadelake.tracking.sizes import share_blur
 from schemas.vocabulary import DefectClass, OffsetOutcome, TrackRelation, TrendQuantity
 
 YEAR = timedelta(days=365.25)
@@ -94,12 +95,14 @@ def link_history(records: Sequence[CampaignRecords], area_m2: float) -> LinkedHi
     by_id = {one.campaign_id: one for one in records}
     tracked = [link for link in links if link.offsets[0].outcome is not OffsetOutcome.REFUSED]
     campaigns = [by_id[link.campaign_id] for link in tracked]
+    shared = share_blur([one.sizes for one in campaigns])
+    campaigns = [replace(one, sizes=sizes) for one, sizes in zip(campaigns, shared, strict=True)]
     sightings = _list_chain_defects(tracked)
     changes, scales = _compare_detections(campaigns, sightings)
     parts, relations = _relate(campaigns, tracked, sightings)
     return LinkedHistory(
         campaigns=campaigns,
-        refused=[one for one in records if one not in campaigns],
+        refused=[one for one in records if one.campaign_id not in {link.campaign_id for link in tracked}],
         links=links,
         sightings=sightings,
         changes=changes,
@@ -190,8 +193,10 @@ def _gather_sizes(campaigns: Sequence[CampaignRecords], places: Sequence[tuple[i
         defect_class=[DefectClass(CLASSES[one.tracked.defects.defect_class[row]]) for one, row in found],
         sizes={
             quantity: DefectSizes(
-                log_size=np.array([one.sizes[quantity].log_size[row] for one, row in found]),
-                sigma=np.array([one.sizes[quantity].sigma[row] for one, row in found]),
+                **{
+                    field.name: np.array([getattr(one.sizes[quantity], field.name)[row] for one, row in found])
+                    for field in fields(DefectSizes)
+                }
             )
             for quantity in TrendQuantity
         },

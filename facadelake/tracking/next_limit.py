@@ -25,6 +25,8 @@ _EXPONENTS: dict[str, dict[TrendQuantity, float]] = {
     "area_m2": {TrendQuantity.LENGTH: 1.0, TrendQuantity.AREA: 1.0},
 }
 _FACTOR_MAX, _COARSE_STEPS, _FINE_STEPS = 20.0, 100, 40
+# The last pass has steps of 2e-5 of the size, so that a limit of a rule pack is met to these significant digits.
+_PASSES, _DIGITS = 3, 4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,18 +46,20 @@ def find_next_limits(defects: pa.Table, quantities: Sequence[TrendQuantity], rul
         rule_file: the rule pack.
     """
     count = len(defects)
-    coarse = np.geomspace(1.0, _FACTOR_MAX, _COARSE_STEPS)
-    first = _find_worse(defects, quantities, np.tile(coarse, (count, 1)), rule_file)
-    low = np.array([coarse[max(step - 1, 0)] if step else 1.0 for step, _ in first])
-    high = np.array([coarse[step] if step else 1.0 for step, _ in first])
-    fine = np.geomspace(low, high, _FINE_STEPS, axis=1)
-    second = _find_worse(defects, quantities, np.concatenate([np.ones((count, 1)), fine], axis=1), rule_file)
-    found: list[NextLimit | None] = []
-    for row, (step, severity) in enumerate(second):
+    steps = np.tile(np.geomspace(1.0, _FACTOR_MAX, _COARSE_STEPS), (count, 1))
+    found: list[tuple[int, str | None]] = [(0, None)] * count
+    for _ in range(_PASSES):
+        found = _find_worse(defects, quantities, np.concatenate([np.ones((count, 1)), steps], axis=1), rule_file)
+        factor = np.array([steps[row, step - 1] if step else 1.0 for row, (step, _) in enumerate(found)])
+        below = np.array([steps[row, step - 2] if step > 1 else 1.0 for row, (step, _) in enumerate(found)])
+        steps = np.geomspace(below, factor, _FINE_STEPS, axis=1)
+    limits: list[NextLimit | None] = []
+    for row, (step, severity) in enumerate(found):
         size = defects.column(quantities[row])[row].as_py()
         known = step > 0 and severity is not None and size is not None
-        found.append(NextLimit(size=size * float(fine[row, step - 1]), severity=str(severity)) if known else None)
-    return found
+        limit = float(f"{size * factor[row]:.{_DIGITS}g}") if known else 0.0
+        limits.append(NextLimit(size=limit, severity=str(severity)) if known else None)
+    return limits
 
 
 def _find_worse(

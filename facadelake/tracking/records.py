@@ -7,21 +7,18 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
-import numpy as np
 import pyarrow as pa
 
-from facadelake.core.arrays import Float64N
 from facadelake.core.camera import PosedCamera
 from facadelake.core.frames import Similarity
 from facadelake.core.geodesy import SITE_AXES, SiteOrigin
 from facadelake.core.pose_table import read_posed_cameras
 from facadelake.core.tables import list_rows
 from facadelake.tracking.campaign_defects import DefectArrays, TrackedCampaign, read_defects
-from facadelake.tracking.size_change import DefectSizes, summarise_sizes
-from schemas.vocabulary import CrackWidthOutcome, TrendQuantity
+from facadelake.tracking.size_change import DefectSizes
+from facadelake.tracking.sizes import read_sizes
+from schemas.vocabulary import TrendQuantity
 
-# Of the logarithm: what the sightings of one campaign share, by viewpoint and light.
-_SHARED_SIGMA = {TrendQuantity.LENGTH: 0.02, TrendQuantity.AREA: 0.03, TrendQuantity.CRACK_WIDTH: 0.1}
 ORIGIN_COLUMNS = ("origin_lon_deg", "origin_lat_deg", "origin_height_ellipsoidal_m")
 
 
@@ -88,39 +85,3 @@ def _move(defects: DefectArrays, target_from_source: Similarity) -> DefectArrays
         covariance_m2=rotation @ defects.covariance_m2 @ rotation.T,
         normal_site=target_from_source.rotate(defects.normal_site),
     )
-
-
-def read_sizes(defects: pa.Table, observations: pa.Table) -> dict[TrendQuantity, DefectSizes]:
-    """Sizes of the defects of one campaign: length and area as medians of the sightings, with sigmas by their scatter;
-    measured crack widths. In the order of ``defects``."""
-    row_of = {defect_id: row for row, defect_id in enumerate(defects.column("defect_id").to_pylist())}
-    owner = [row_of.get(defect_id, -1) for defect_id in observations.column("defect_id").to_pylist()]
-    defect = np.array(owner, dtype=np.int64)
-    found = {}
-    for quantity in (TrendQuantity.LENGTH, TrendQuantity.AREA):
-        size = _read_column(observations, quantity)
-        usable = (defect >= 0) & (size > 0)
-        pooled = summarise_sizes(np.log(size[usable]), defect[usable], len(row_of))
-        found[quantity] = replace(pooled, sigma=np.hypot(pooled.sigma, _SHARED_SIGMA[quantity]))
-    width, sigma = _read_column(defects, "crack_width_mm"), _read_column(defects, "crack_width_sigma_mm")
-    measured = np.array(
-        [
-            outcome in (CrackWidthOutcome.MEASURED, CrackWidthOutcome.STATED)
-            for outcome in defects.column("crack_width_outcome").to_pylist()
-        ],
-        dtype=bool,
-    )
-    usable = measured & (width > 0) & (sigma > 0)
-    found[TrendQuantity.CRACK_WIDTH] = DefectSizes(
-        log_size=np.log(width, out=np.full(len(width), np.nan), where=usable),
-        sigma=np.hypot(
-            np.divide(sigma, width, out=np.full(len(width), np.nan), where=usable),
-            _SHARED_SIGMA[TrendQuantity.CRACK_WIDTH],
-        ),
-    )
-    return found
-
-
-def _read_column(table: pa.Table, name: str) -> Float64N:
-    values: Float64N = table.column(name).to_numpy(zero_copy_only=False).astype(np.float64)
-    return values

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from math import exp
+from dataclasses import dataclass, replace
+from math import exp, hypot
 
 import numpy as np
 
 from facadelake.core.arrays import RowIndices
-from facadelake.tracking.size_change import DefectSizes, compare_sizes, select_significant
+from facadelake.tracking.size_change import (
+    DefectSizes,
+    SizeChange,
+    compare_sizes,
+    concatenate_sizes,
+    select_significant,
+)
 from schemas.vocabulary import DefectClass, TrendQuantity
 
 # What decides whether a defect has grown; the length of a spall or a damp patch says little that its area does not.
@@ -24,11 +30,12 @@ SHOWN = {name: (*tested, TrendQuantity.LENGTH) for name, tested in TESTED.items(
 
 @dataclass(frozen=True, kw_only=True)
 class SizeDifference:
-    """Change of one size between two detections: the sizes, in the unit of the quantity, ``log_change`` and its
-    ``log_sigma``; ``significant`` over the building."""
+    """Change of one size between two detections: the sizes, in the unit of the quantity, and their difference's one
+    ``sigma``; ``log_change`` of the logarithm with ``log_sigma``; ``significant`` over the building."""
 
     before: float
     after: float
+    sigma: float
     log_change: float
     log_sigma: float
     significant: bool
@@ -37,11 +44,6 @@ class SizeDifference:
     def change(self) -> float:
         """The change in the unit of the sizes."""
         return self.after - self.before
-
-    @property
-    def sigma(self) -> float:
-        """One sigma of ``change``."""
-        return self.after * self.log_sigma
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,11 +57,16 @@ class SizedDefects:
         """The defects of ``rows`` (k,)."""
         return SizedDefects(
             defect_class=[self.defect_class[row] for row in rows.tolist()],
-            sizes={
-                quantity: DefectSizes(log_size=one.log_size[rows], sigma=one.sigma[rows])
-                for quantity, one in self.sizes.items()
-            },
+            sizes={quantity: one.take(rows) for quantity, one in self.sizes.items()},
         )
+
+
+def concatenate_sized(parts: Sequence[SizedDefects]) -> SizedDefects:
+    """The defects of all parts, at least one, in their order."""
+    return SizedDefects(
+        defect_class=[name for part in parts for name in part.defect_class],
+        sizes={quantity: concatenate_sizes([part.sizes[quantity] for part in parts]) for quantity in TrendQuantity},
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,18 +80,15 @@ class ComparedSizes:
 def compare_sized_pairs(before: SizedDefects, after: SizedDefects) -> ComparedSizes:
     """Changes of k defects, each detected twice; those that are significant over all of them.
 
-    Of a defect that has changed its class no size is compared: a crack has no area to compare with a spall's.
+    Of a defect that has changed its class no size is compared: a crack has no area to compare with a spall's. Nor is
+    what a class is not told of.
     """
-    kept = np.array([one == other for one, other in zip(before.defect_class, after.defect_class, strict=True)], bool)
-    compared = {
-        quantity: compare_sizes(
-            np.where(kept, before.sizes[quantity].log_size, np.nan),
-            before.sizes[quantity].sigma,
-            after.sizes[quantity].log_size,
-            after.sizes[quantity].sigma,
-        )
-        for quantity in TrendQuantity
-    }
+    pairs = list(zip(before.defect_class, after.defect_class, strict=True))
+    compared = {}
+    for quantity, one in before.sizes.items():
+        kept = np.array([name == other and quantity in SHOWN[other] for name, other in pairs], bool)
+        sizes = replace(one, log_size=np.where(kept, one.log_size, np.nan))
+        compared[quantity] = compare_sizes(sizes, after.sizes[quantity])
     tested = [(k, quantity) for k, name in enumerate(after.defect_class) for quantity in TESTED[name]]
     of_quantity = {quantity: change.p_value for quantity, change in compared.items()}
     p_value = np.array([of_quantity[quantity][k] for k, quantity in tested])
@@ -92,19 +96,33 @@ def compare_sized_pairs(before: SizedDefects, after: SizedDefects) -> ComparedSi
     return ComparedSizes(
         changes=[
             {
-                quantity: SizeDifference(
-                    before=exp(before.sizes[quantity].log_size[k]),
-                    after=exp(after.sizes[quantity].log_size[k]),
-                    log_change=float(change.log_change[k]),
-                    log_sigma=float(change.sigma[k]),
-                    significant=(k, quantity) in significant,
+                quantity: _describe_change(
+                    change, k, exp(before.sizes[quantity].log_size[k]), (k, quantity) in significant
                 )
                 for quantity, change in compared.items()
-                if np.isfinite(change.log_change[k]) and quantity in SHOWN[name]
+                if np.isfinite(change.log_change[k])
             }
-            for k, name in enumerate(after.defect_class)
+            for k in range(len(pairs))
         ],
         scales={quantity: change.scale for quantity, change in compared.items()},
+    )
+
+
+def _describe_change(found: SizeChange, row: int, before: float, significant: bool) -> SizeDifference:
+    """One of the changes; in the unit of the sizes, an error of either size counts with that size."""
+    after = before * exp(found.log_change[row])
+    parts = (
+        before * found.sigma_before[row],
+        after * found.sigma_after[row],
+        (before + after) / 2 * found.sigma_common[row],
+    )
+    return SizeDifference(
+        before=before,
+        after=after,
+        sigma=hypot(*parts),
+        log_change=float(found.log_change[row]),
+        log_sigma=float(found.sigma[row]),
+        significant=significant,
     )
 
 

@@ -16,11 +16,11 @@ from facadelake.tracking.campaign_defects import CLASSES
 from facadelake.tracking.linked import YEAR, LinkedHistory
 from facadelake.tracking.next_limit import NextLimit, find_next_limits
 from facadelake.tracking.size_pairs import TESTED
-from facadelake.tracking.trend import Trend, fit_trend, predict_limit
+from facadelake.tracking.trend import HORIZON_YEARS, Trend, fit_trend, predict_limit
 from schemas.vocabulary import DefectClass, TrendQuantity
 
 _EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
-_HORIZON_YEARS = 100.0
+_UNITS = {TrendQuantity.LENGTH: "m", TrendQuantity.AREA: "m2", TrendQuantity.CRACK_WIDTH: "mm"}
 _LIMITS_AT_A_TIME = 500  # defects, each with a hundred sizes
 
 
@@ -52,11 +52,13 @@ def _choose_trend(history: LinkedHistory, chain: int) -> _ChainTrend | None:
     year = np.array([(history.campaigns[one.campaign].tracked.captured_at - _EPOCH) / YEAR for one in sightings])
     trends = []
     for quantity in TESTED[name]:
-        sizes = [history.campaigns[one.campaign].sizes[quantity] for one in sightings]
-        scale = max(history.scales.get((one.campaign, quantity), 1.0) for one in sightings)
-        size = np.exp([size.log_size[one.row] for size, one in zip(sizes, sightings, strict=True)])
-        sigma = scale * size * np.array([size.sigma[one.row] for size, one in zip(sizes, sightings, strict=True)])
-        trend = fit_trend(year, size, sigma)
+        places = [(history.campaigns[one.campaign].sizes[quantity], one.row) for one in sightings]
+        known = [history.scales[key] for one in sightings if (key := (one.campaign, quantity)) in history.scales]
+        scale = max(known, default=1.0)
+        size = np.exp([sizes.log_size[row] for sizes, row in places])
+        sigma = scale * size * np.array([sizes.sigma[row] for sizes, row in places])
+        common = scale * np.array([sizes.common[row] for sizes, row in places])
+        trend = fit_trend(year, size, sigma, common)
         if trend is not None:
             trends.append(_ChainTrend(quantity=quantity, trend=trend))
     return next((one for one in trends if np.prod(one.trend.interval_per_year) > 0), trends[0] if trends else None)
@@ -94,23 +96,41 @@ def _describe(one: _ChainTrend | None, limit: NextLimit | None, growing: bool) -
         "trend_high_per_year": high,
         "trend_count": one.trend.campaigns,
     }
+    columns = {**columns, **_describe_limit(one.trend, limit, growing)}
+    remarks = (_describe_course(one), columns.get("trend_remark"))
+    return {**columns, "trend_remark": "; ".join(remark for remark in remarks if remark) or None}
+
+
+def _describe_course(one: _ChainTrend) -> str:
+    """What is to be said where one straight line does not explain the sizes."""
+    trend = one.trend
+    if trend.is_line:
+        return ""
+    grows = trend.per_year > 0
+    course = "its size does not follow a straight line"
+    if grows and trend.per_year > trend.mean_per_year:
+        course = "growth accelerates"
+    elif trend.mean_per_year > 0 and trend.per_year < trend.mean_per_year:
+        course = "growth slows down"
+    unit = _UNITS[one.quantity]
+    return f"{course}: {trend.per_year:.3g} {unit} a year lately, {trend.mean_per_year:.3g} {unit} a year over all"
+
+
+def _describe_limit(trend: Trend, limit: NextLimit | None, growing: bool) -> dict[str, Any]:
     if not growing:
-        return {**columns, "trend_remark": "no time of a next limit: the trend's interval includes no growth"}
+        return {"trend_remark": "no time of a next limit: the trend's interval includes no growth"}
     if limit is None:
-        return {
-            **columns,
-            "trend_remark": "no time of a next limit: the rule pack gives no worse word for a larger size",
-        }
-    years = predict_limit(one.trend, limit.size)
-    columns |= {"next_limit": limit.size, "next_severity": limit.severity}
+        return {"trend_remark": "no time of a next limit: the rule pack gives no worse word for a larger size"}
+    years = predict_limit(trend, limit.size)
+    columns: dict[str, Any] = {"next_limit": limit.size, "next_severity": limit.severity}
     if years is None:
         return {**columns, "trend_remark": "no time of a next limit: the trend's interval includes no growth"}
     times = [_convert_year(year) for year in years.tolist()]
     if times[1] is None:
-        return {**columns, "trend_remark": f"the limit is more than {_HORIZON_YEARS:.0f} years away"}
+        return {**columns, "trend_remark": f"the limit is more than {HORIZON_YEARS:.0f} years away"}
     return {**columns, "next_limit_from": times[0], "next_limit_at": times[1], "next_limit_to": times[2]}
 
 
 def _convert_year(year: float) -> datetime | None:
-    """The time of a year since 2000; None beyond the horizon."""
-    return _EPOCH + timedelta(days=year * 365.25) if abs(year) < _HORIZON_YEARS else None
+    """The day of a year since 2000; None where it is not within the horizon."""
+    return _EPOCH + timedelta(days=round(year * 365.25)) if np.isfinite(year) else None

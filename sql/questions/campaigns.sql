@@ -1,6 +1,6 @@
 -- grain: campaign
 -- meaning: what is in the lake: each campaign with its counts, its control and the version that holds it
--- $building_id: the building; left out, all of them
+-- $building_id [campaigns.building_id]: the building; left out, all of them
 SELECT
     c.building_id,
     c.campaign_id,

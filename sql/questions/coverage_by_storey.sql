@@ -1,7 +1,7 @@
 -- grain: facade and storey
 -- meaning: how much of each facade the photographs show, by storey, why the rest is not imaged, and how well the imaged part is; found_crack_width_mm is found on the whole searched surface
--- $building_id: the building; left out, all of them
--- $campaign_id: the campaign; left out, all of them
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $campaign_id [campaigns.campaign_id]: the campaign; left out, all of them
 SELECT
     building_id,
     campaign_id,

@@ -1,7 +1,7 @@
 -- grain: facade, storey, material or element class
 -- meaning: defects per square metre that the detector searched, by facade, storey, material and element class, so that a part that was photographed more does not seem worse; parts that were not searched have no density. The sigma is that of counting (Poisson)
--- $building_id: the building; left out, all of them
--- $campaign_id: the campaign; left out, all of them
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $campaign_id [campaigns.campaign_id]: the campaign; left out, all of them
 WITH cells AS (
     SELECT c.*, e.material, e.ifc_class
     FROM coverage AS c

@@ -1,7 +1,7 @@
 -- grain: IFC class, material and defect class
 -- meaning: which kinds of components carry the defects
--- $building_id: the building; left out, all of them
--- $campaign_id: the campaign; left out, all of them
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $campaign_id [campaigns.campaign_id]: the campaign; left out, all of them
 SELECT
     building_id,
     campaign_id,

@@ -1,7 +1,7 @@
 -- grain: facade and class
 -- meaning: how many defects of each class a facade has, how many of them severe (very_severe, UNSAFE, over_limit), and their area
--- $building_id: the building; left out, all of them
--- $campaign_id: the campaign; left out, all of them
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $campaign_id [campaigns.campaign_id]: the campaign; left out, all of them
 SELECT
     building_id,
     campaign_id,

@@ -1,7 +1,7 @@
 -- grain: severity and class
 -- meaning: how many defects have which severity by which rule pack, the worst first, and who graded them
--- $building_id: the building; left out, all of them
--- $campaign_id: the campaign; left out, all of them
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $campaign_id [campaigns.campaign_id]: the campaign; left out, all of them
 SELECT
     building_id,
     campaign_id,

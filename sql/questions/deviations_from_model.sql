@@ -1,8 +1,8 @@
 -- grain: defect
 -- meaning: where triangulated defects stand off the building model by more than twice its sigma, the most first
--- $building_id: the building; left out, all of them
--- $campaign_id: the campaign; left out, all of them
--- $limit: rows at most; left out, 50
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $campaign_id [campaigns.campaign_id]: the campaign; left out, all of them
+-- $limit [number]: rows at most; left out, 50
 SELECT
     building_id,
     campaign_id,

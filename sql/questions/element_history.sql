@@ -1,7 +1,7 @@
 -- grain: defect of an element in a campaign
 -- meaning: everything on one element: each defect in each campaign with its track, state, size and severity, also where a track's place was only looked at
--- $building_id: the building; left out, all of them
--- $element_guid: the element's GlobalId; left out, all of them
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $element_guid [elements.element_guid]: the element's GlobalId; left out, all of them
 WITH found AS (
     SELECT
         d.building_id,

@@ -1,7 +1,7 @@
 -- grain: expectation
 -- meaning: checks before the commit that were not met; a committed campaign has none
--- $building_id: the building; left out, all of them
--- $campaign_id: the campaign; left out, all of them
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $campaign_id [campaigns.campaign_id]: the campaign; left out, all of them
 SELECT
     building_id,
     campaign_id,

@@ -1,9 +1,9 @@
 -- grain: growth of a track since the campaign that detected it before
 -- meaning: the defects that grew significantly, the fastest first, in per cent of their size before a year (of an area half of that, as of its sides), because lengths, areas and widths have different units; with one sigma of the change. The change is without what all sizes of a campaign share, so that it need not be the difference of both sizes
--- $building_id: the building; left out, all of them
--- $campaign_id: the campaign that found them grown; left out, all of them
--- $quantity: only the growth of length_m, area_m2 or crack_width_mm; left out, all of them
--- $limit: rows at most; left out, 50
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $campaign_id [campaigns.campaign_id]: the campaign that found them grown; left out, all of them
+-- $quantity [track_states.changed_quantity]: only the growth of length_m, area_m2 or crack_width_mm; left out, all of them
+-- $limit [number]: rows at most; left out, 50
 WITH grown AS (
     SELECT
         s.*,
@@ -71,6 +71,7 @@ SELECT
     round(t.trend_high_per_year, 4) AS trend_high_per_year,
     t.next_severity,
     t.next_limit_at,
+    t.trend_remark,
     t.facade,
     t.storey,
     t.element_name,

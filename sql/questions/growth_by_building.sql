@@ -1,6 +1,6 @@
 -- grain: building
 -- meaning: the portfolio by growth: significant growths per year in which a defect was watched, so that buildings with more defects or more campaigns do not rank first for that; with the numbers and shares grown, new and reopened per year. Sigmas are those of counting (Poisson; of a share, binomial). New are those whose place was imaged before without them; a building without a history has no numbers
--- $building_id: the building; left out, all of them
+-- $building_id [campaigns.building_id]: the building; left out, all of them
 WITH periods AS (
     SELECT
         building_id,

@@ -1,8 +1,8 @@
 -- grain: pair of observations
 -- meaning: why the observations of a defect were merged, and why neighbouring ones were not: distance, overlap, appearance
--- $building_id: the building; left out, all of them
--- $campaign_id: the campaign; left out, all of them
--- $defect_id: the defect's id, or its number on the elevations; left out, all of them
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $campaign_id [campaigns.campaign_id]: the campaign; left out, all of them
+-- $defect_id [defects.defect_id or number]: the defect's id, or its number on the elevations; left out, all of them
 SELECT
     m.building_id,
     m.campaign_id,

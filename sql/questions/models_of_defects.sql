@@ -1,8 +1,8 @@
 -- grain: defect and model
 -- meaning: which model, by name and hash, found each defect, in how many photographs, and what reviewers decided
--- $building_id: the building; left out, all of them
--- $campaign_id: the campaign; left out, all of them
--- $defect_id: the defect; left out, all of them
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $campaign_id [campaigns.campaign_id]: the campaign; left out, all of them
+-- $defect_id [defects.defect_id]: the defect; left out, all of them
 SELECT
     o.building_id,
     o.campaign_id,

@@ -1,7 +1,7 @@
 -- grain: element of a facade
 -- meaning: where no campaign would have found a crack of a given width: the surface of the latest campaign's model that was never imaged, never searched by the detector, always imaged too coarsely, or of which that is unknown; the largest first. An element whose GlobalId is new counts from then on
--- $building_id: the building; left out, all of them
--- $crack_width_mm: the crack's width in millimetres; left out, 0.3
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $crack_width_mm [number]: the crack's width in millimetres; left out, 0.3
 WITH measured AS (
     SELECT *, round(facade_azimuth_deg, 2) AS azimuth_deg
     FROM coverage

@@ -1,12 +1,14 @@
 -- grain: track
 -- meaning: the defects that appeared since a campaign or a date: those that are new (their place was imaged before, without them), then those seen for the first time (their place was not imaged well enough before, so that their age is unknown)
--- $building_id: the building; left out, all of them
--- $since_campaign: the campaign since which; left out, the one before the latest
--- $since_date: or the date since which (its end, UTC), such as 2026-04-30: campaigns that were flown later
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $since_campaign [campaigns.campaign_id]: the campaign since which; left out, the one before the latest
+-- $since_date [date]: or the date since which (its end, UTC), such as 2026-04-30: campaigns that were flown later
 WITH since AS (
     SELECT
         building_id,
         CASE
+            WHEN $since_campaign::VARCHAR IS NOT NULL AND $since_date::DATE IS NOT NULL
+                THEN error('since_campaign and since_date are both given; give one of them')
             WHEN $since_campaign::VARCHAR IS NOT NULL
                 THEN max(campaign_number) FILTER (campaign_id = $since_campaign)
             WHEN $since_date::DATE IS NOT NULL

@@ -1,8 +1,8 @@
 -- grain: element of a facade
 -- meaning: where a crack of a given width could have been missed: the surface that was never imaged, not searched by the detector, imaged too coarsely, or of which that is unknown; the largest first
--- $building_id: the building; left out, all of them
--- $campaign_id: the campaign; left out, all of them
--- $crack_width_mm: the crack's width in millimetres; left out, 0.3
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $campaign_id [campaigns.campaign_id]: the campaign; left out, all of them
+-- $crack_width_mm [number]: the crack's width in millimetres; left out, 0.3
 WITH judged AS (
     SELECT
         building_id,

@@ -1,7 +1,7 @@
 -- grain: campaign
 -- meaning: how each campaign was placed and how well: control, sigma, held-out points, GPS, bend, remarks
--- $building_id: the building; left out, all of them
--- $campaign_id: the campaign; left out, all of them
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $campaign_id [campaigns.campaign_id]: the campaign; left out, all of them
 SELECT
     building_id,
     campaign_id,

@@ -1,7 +1,7 @@
 -- grain: statement about a campaign's place
 -- meaning: what GPS, surveyed points and the model say about the placement of a campaign, disagreements first, then accepted ones
--- $building_id: the building; left out, all of them
--- $campaign_id: the campaign; left out, all of them
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $campaign_id [campaigns.campaign_id]: the campaign; left out, all of them
 SELECT
     building_id,
     campaign_id,

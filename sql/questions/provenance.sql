@@ -1,7 +1,7 @@
 -- grain: campaign
 -- meaning: what the lake knows of each campaign, and by which model, code and rules; with --as-of, what it knew on a date: defects, states of the tracks, and the runs that made them
--- $building_id: the building; left out, all of them
--- $campaign_id: the campaign; left out, all of them
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $campaign_id [campaigns.campaign_id]: the campaign; left out, all of them
 WITH made AS (
     SELECT
         building_id,
@@ -12,11 +12,17 @@ WITH made AS (
     FROM versions
     GROUP BY building_id, campaign_id
 ),
+-- Versions of an earlier Facadelake do not tell their code, but the run does.
 tracked AS (
-    SELECT building_id, max(version) AS history_version
-    FROM versions
-    WHERE regraded_by IS NULL AND reviewed_by IS NULL
-    GROUP BY building_id
+    SELECT
+        v.building_id,
+        v.version AS history_version,
+        v.content AS history_content,
+        coalesce(v.code_sha256, r.code_sha256) AS history_code_sha256
+    FROM versions AS v
+    LEFT JOIN runs AS r ON r.building_id = v.building_id AND r.campaign_id = v.campaign_id AND r.run_id = v.run_id
+    WHERE v.regraded_by IS NULL AND v.reviewed_by IS NULL
+    QUALIFY row_number() OVER (PARTITION BY v.building_id ORDER BY v.version DESC) = 1
 ),
 models AS (
     SELECT building_id, campaign_id, string_agg(DISTINCT detector, ', ' ORDER BY detector) AS detectors
@@ -63,6 +69,8 @@ SELECT
     c.photos_localised,
     c.defects_total,
     CASE WHEN s.tracks IS NOT NULL THEN h.history_version END AS history_version,
+    CASE WHEN s.tracks IS NOT NULL THEN h.history_content END AS history_content,
+    CASE WHEN s.tracks IS NOT NULL THEN h.history_code_sha256 END AS history_code_sha256,
     s.tracks,
     s.appeared,
     s.grown,

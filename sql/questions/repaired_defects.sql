@@ -1,7 +1,7 @@
 -- grain: repair of a track
 -- meaning: what was repaired, and whether it held: reopened, holds (a later campaign imaged the place, and it was still gone), or not_checked (no later campaign imaged it)
--- $building_id: the building; left out, all of them
--- $campaign_id: the campaign that found the repair; left out, all of them
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $campaign_id [campaigns.campaign_id]: the campaign that found the repair; left out, all of them
 SELECT
     p.building_id,
     p.campaign_id,

@@ -1,6 +1,6 @@
 -- grain: repair of a track after which the defect was there again
 -- meaning: the repairs that did not hold, the shortest first: how long until the defect was there again, how often it was repaired, and its size before the repair and since
--- $building_id: the building; left out, all of them
+-- $building_id [campaigns.building_id]: the building; left out, all of them
 SELECT
     p.building_id,
     p.track_id,

@@ -1,7 +1,7 @@
 -- grain: campaign
 -- meaning: what each campaign says of the defects known by then: how many are new, grown, repaired, not found, not imaged and so on, the campaigns in order of their capture
--- $building_id: the building; left out, all of them
--- $campaign_id: the campaign; left out, all of them
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $campaign_id [campaigns.campaign_id]: the campaign; left out, all of them
 SELECT
     s.building_id,
     s.campaign_id,

@@ -1,7 +1,7 @@
 -- grain: track in a campaign
 -- meaning: everything on one track, campaign by campaign: its state and what it rests on, its size and change with their sigmas, the look at its place, relations to other tracks, photographs
--- $building_id: the building; left out, all of them
--- $track_id: the track's id, or its number; left out, all of them
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $track_id [tracks.track_id or number]: the track's id, or its number; left out, all of them
 WITH relations AS (
     SELECT
         building_id,

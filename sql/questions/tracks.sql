@@ -1,8 +1,8 @@
 -- grain: track
 -- meaning: the defects of a building for life, with their current state, what matters most first: place, size, change since the detection before with its sigma, when they were first and last seen; without those that are withdrawn
--- $building_id: the building; left out, all of them
--- $states: only those in these states, such as new,grown; left out, all of them
--- $defect_class: only crack, spalling or moisture; left out, all of them
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $states [tracks.track_state, ...]: only those in these states, such as new,grown; left out, all of them
+-- $defect_class [tracks.defect_class]: only crack, spalling or moisture; left out, all of them
 SELECT
     t.building_id,
     t.track_id,

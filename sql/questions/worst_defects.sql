@@ -1,8 +1,8 @@
 -- grain: defect
 -- meaning: the defects to look at first: by severity, then by their largest extent
--- $building_id: the building; left out, all of them
--- $campaign_id: the campaign; left out, all of them
--- $limit: rows at most; left out, 20
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $campaign_id [campaigns.campaign_id]: the campaign; left out, all of them
+-- $limit [number]: rows at most; left out, 20
 SELECT
     building_id,
     campaign_id,

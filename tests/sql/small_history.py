@@ -138,6 +138,17 @@ def _change_rows(table: pa.Table, changes: Mapping[int, Mapping[str, Any]]) -> p
     return pa.Table.from_pylist(rows, schema=table.schema)
 
 
+def _size_sightings(observations: pa.Table, sizes: Mapping[int, Mapping[str, Any]]) -> dict[int, dict[str, Any]]:
+    """Length and area of the defects by the row of each of their sightings."""
+    owners = observations.column("defect_id").to_pylist()
+    return {
+        place: {name: value for name, value in own.items() if name in ("length_m", "area_m2")}
+        for number, own in sizes.items()
+        for place, owner in enumerate(owners)
+        if owner == f"defect-{number:04d}"
+    }
+
+
 def commit_small_campaign(lake: Path, campaign: str) -> int:
     """Commit one of the three campaigns; the version of the lake."""
     run = f"run-{campaign}"
@@ -146,6 +157,7 @@ def commit_small_campaign(lake: Path, campaign: str) -> int:
     tables = {
         **made,
         "defects": _change_rows(made["defects"], SIZES[campaign]),
+        "observations": _change_rows(made["observations"], _size_sightings(made["observations"], SIZES[campaign])),
         "coverage": _change_rows(made["coverage"], reach),
     }
     return commit_campaign(

@@ -9,7 +9,7 @@ import pytest
 
 from facadelake.core.errors import InputDataError
 from facadelake.lake.commit import commit_campaign
-from facadelake.lake.questions import answer_question, find_latest_campaign, require_known_names
+from facadelake.lake.questions import answer_question, find_latest_campaign
 from facadelake.lake.read import query
 from tests.unit.lake.small_campaign import BUILDING, INPUTS, commit, lake_tables
 
@@ -58,13 +58,3 @@ def test_a_part_is_covered_where_one_of_the_campaigns_would_have_found_the_crack
     assert ([row[name] for name in areas], row["campaigns"]) == ([5.0, 0.0, 0.0, 2.0, 1.0], 3)
     (fine,) = answer_question(lake, "never_covered_for_crack").to_pylist()
     assert [fine[name] for name in areas] == [5.0, 0.0, 0.0, 4.0, 1.0]
-
-
-def test_an_unknown_name_is_told_and_not_answered_with_no_rows(lake: Path) -> None:
-    with pytest.raises(
-        InputDataError, match=r"campaign '2025-11' \(did you mean '2025-10'\?\); it has 2025-10, z-2025"
-    ):
-        require_known_names(lake, {"campaign_id": "2025-11"})
-    with pytest.raises(InputDataError, match=r"no building 'towr' \(did you mean 'tower'\?\)"):
-        require_known_names(lake, {"building_id": "towr"})
-    require_known_names(lake, {"building_id": BUILDING, "campaign_id": LATER, "limit": "3"})

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from facadelake.core.errors import InputDataError
 from facadelake.lake.questions import answer_question
 from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, commit
 
@@ -76,4 +77,5 @@ def test_answers_are_right(lake: Path) -> None:
     assert len(answer_question(lake, "passport")) == 2
     assert both[0]["version"] < both[1]["version"]
     assert len(answer_question(lake, "campaigns", as_of=both[0]["version"])) == 1
-    assert len(answer_question(lake, "worst_defects", {"building_id": "nobody's"})) == 0
+    with pytest.raises(InputDataError, match="has no building 'nobody's'"):
+        answer_question(lake, "worst_defects", {"building_id": "nobody's"})

@@ -1,5 +1,5 @@
 from .reference import REFERENCE_FILE as REFERENCE_FILE
 from .reference import drop_reference as drop_reference
-from .reference import list_earlier_references as list_earlier_references
+from .reference import list_references as list_references
 from .reference import read_reference as read_reference
 from .reference import store_reference as store_reference

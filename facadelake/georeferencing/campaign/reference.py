@@ -7,7 +7,7 @@ import json
 import shutil
 import uuid
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -136,10 +136,10 @@ def _get_folder(lake: Path, building_id: str) -> Path:
     return lake / "references" / building_id
 
 
-def list_earlier_references(lake: Path, building_id: str, campaign_id: str) -> list[Path]:
-    """Reference files of the building's campaigns whose id sorts before ``campaign_id``, the first campaign first."""
-    folder = _get_folder(lake, building_id)
-    return sorted(path for path in folder.glob("*.npz") if path.stem < campaign_id)
+def list_references(lake: Path, building_id: str, campaigns: Sequence[str]) -> list[Path]:
+    """Reference files of those campaigns of the building that have one, in the given order."""
+    files = (_get_folder(lake, building_id) / f"{campaign_id}.npz" for campaign_id in campaigns)
+    return [path for path in files if path.is_file()]
 
 
 def store_reference(source: Path, lake: Path, building_id: str, campaign_id: str) -> Path:

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from facadelake.core.arrays import BoolArray, Float64Array, Float64N, UInt8Image
-from facadelake.coverage import OBSTACLES
+from facadelake.publish import COLOUR_MAP, NOT_IMAGED_FILLS, NOT_SEARCHED_FILL, choose_limits_mm
 from facadelake.reporting.drawing.palette import escape_mathtext
 from facadelake.reporting.elevations.facades import Facade
 from facadelake.reporting.elevations.figure import DPI, ElevationLabels, draw_scale_bar, draw_storey_lines
@@ -26,16 +26,6 @@ _MAX_WIDTH_PX, _MAX_HEIGHT_PX, _MIN_WIDTH_PX = 2000, 1500, 900
 _LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN = 0.75, 1.35, 0.8, 1.05
 _BAR_IN = 0.42
 _OPACITY = 0.6
-_COLOURS = "cividis"  # for all kinds of colour vision
-_STEPS_MM = (0.1, 0.2, 0.3, 0.5, 0.7, 1, 1.5, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 150, 200, 300, 500)
-# Colour and hatching (Okabe and Ito 2008), so that print in black and white tells them apart.
-_NOT_IMAGED = {
-    CoverageOutcome.OBSTRUCTED: ("#D55E00", "xxx"),
-    CoverageOutcome.GRAZING: ("#CC79A7", "---"),
-    CoverageOutcome.HIDDEN_BY_MODEL: ("#606060", "..."),
-    CoverageOutcome.NOT_IN_VIEW: ("#B00020", "///"),
-}
-_NOT_SEARCHED = ("#FFFFFF", "\\\\\\", "imaged, not searched by the detector")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -125,19 +115,19 @@ def draw_coverage(
         bar.tick_params(labelsize=7, length=2, pad=1)
         meaning = "smallest crack found (90 %), mm" if cells.is_crack_width else "pixel on the surface, mm"
         figure.text(0.3 / total_in[0], (_BAR_IN + 0.11) / total_in[1], meaning, fontsize=7, va="bottom")
-    kinds = [(cells.outcome == str(word), *style, OBSTACLES[word]) for word, style in _NOT_IMAGED.items()]
-    kinds.append((imaged & ~cells.searched, *_NOT_SEARCHED))
+    kinds = [(cells.outcome == str(word), fill) for word, fill in NOT_IMAGED_FILLS.items()]
+    kinds.append((imaged & ~cells.searched, NOT_SEARCHED_FILL))
     with mpl.rc_context({"hatch.linewidth": 0.6}):
-        for of_kind, colour, hatch, meaning in kinds:
+        for of_kind, fill in kinds:
             if of_kind.any():
-                face = "none" if meaning == _NOT_SEARCHED[2] else colour
+                face = "none" if fill is NOT_SEARCHED_FILL else fill.colour
                 axes.add_collection(
                     PolyCollection(
-                        cells.corners_uv_m[of_kind], facecolors=face, edgecolors="white", linewidths=0.0, hatch=hatch,
-                        alpha=0.85,
+                        cells.corners_uv_m[of_kind], facecolors=face, edgecolors="white", linewidths=0.0,
+                        hatch=fill.hatch, alpha=0.85,
                     )
                 )  # fmt: skip
-                handles.append(Patch(facecolor=colour, edgecolor="black", hatch=hatch, label=meaning))
+                handles.append(Patch(facecolor=fill.colour, edgecolor="black", hatch=fill.hatch, label=fill.meaning))
         draw_storey_lines(axes, labels)
         draw_scale_bar(figure, axes, right_m - left_m, total_in, _BAR_IN)
         _write_title(figure, labels, facade, handles, total_in)
@@ -147,12 +137,8 @@ def draw_coverage(
 
 def _choose_scale(value_mm: Float64N) -> tuple[BoundaryNorm, Colormap]:
     """Classes of round millimetres that contain nearly all values; small, which is good, is light."""
-    steps = np.array(_STEPS_MM, dtype=np.float64)
-    low, high = np.quantile(value_mm, [0.01, 0.99])
-    first = min(max(0, int(np.searchsorted(steps, low, side="right")) - 1), len(steps) - 2)
-    last = min(max(first + 1, int(np.searchsorted(steps, high))), len(steps) - 1)
-    bounds = steps[first : last + 1]
-    colours = mpl.colormaps[f"{_COLOURS}_r"].resampled(max(2, len(bounds) - 1))
+    bounds = choose_limits_mm(value_mm)
+    colours = mpl.colormaps[f"{COLOUR_MAP}_r"].resampled(max(2, len(bounds) - 1))
     return BoundaryNorm(bounds.tolist(), colours.N, clip=True), colours
 
 

@@ -1,3 +1,4 @@
+from .comparison import READ_COLUMNS as READ_COLUMNS
 from .comparison import TABLES as TABLES
 from .comparison import BuildingComparison as BuildingComparison
 from .draw import PAIRS_MAX as PAIRS_MAX
@@ -9,11 +10,14 @@ from .explanation import explain_track as explain_track
 from .findings import COUNTED_ONLY as COUNTED_ONLY
 from .findings import MEANINGS as MEANINGS
 from .findings import Finding as Finding
+from .sentences import describe_class as describe_class
+from .sentences import describe_count as describe_count
 from .sentences import describe_evidence as describe_evidence
+from .sentences import describe_grade as describe_grade
 from .sentences import describe_offsets as describe_offsets
+from .sentences import describe_sizes as describe_sizes
 from .sentences import describe_span as describe_span
 from .since_last_time import compare_with_previous as compare_with_previous
 from .size_changes import format_changes as format_changes
-from .size_changes import format_size as format_size
 from .track_pictures import TrackPictures as TrackPictures
 from .track_pictures import draw_track as draw_track

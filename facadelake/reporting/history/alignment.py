@@ -1,8 +1,10 @@
-"""Two rectified pictures of one place brought into agreement, and their difference without the light."""
+"""Two rectified pictures of one place brought into agreement, and their difference without the light.
+
+The alignment is that of the second look; here the wall around the defect alone decides, in what is visible of it.
+"""
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import replace
 
 import cv2
@@ -11,11 +13,10 @@ import numpy as np
 from facadelake.core.arrays import BoolArray, Float32Array, Float64Array, UInt8Image
 from facadelake.reporting.cards.patch_view import EMPTY_GREY, PatchView
 from facadelake.reporting.drawing.palette import bgr_from_hex
-from facadelake.tracking import extract_detail
+from facadelake.tracking import align_patch, extract_detail
 
 DARKER, LIGHTER = "#d55e00", "#0072b2"  # Okabe and Ito 2008
 _ALIGNED_MIN = 0.2  # correlation below which the pictures show different things
-_TURN_MAX_SHARE = 0.03  # of the side: a larger turn or stretch is no misalignment of a pose
 _SIGMAS_FROM, _SIGMAS_TO = 2.5, 8.0  # a difference begins to be coloured, and is fully coloured
 _BORDER = 6  # cells beside the border or beside hidden ones, where the detail has no surroundings
 _FILL_SIGMA_PX = 6.0
@@ -35,23 +36,8 @@ def find_alignment(reference: PatchView, view: PatchView, reach_px: float) -> Fl
         reach_px: largest displacement.
     """
     first, second = (_extract_surroundings(one) for one in (reference, view))
-    height, width = first.shape
-    cells = max(1, min(round(reach_px), (height - 9) // 2, (width - 9) // 2))
-    inner = first[cells : height - cells, cells : width - cells]
-    scores = cv2.matchTemplate(second, inner, cv2.TM_CCOEFF_NORMED)
-    row, column = np.unravel_index(int(np.argmax(scores)), scores.shape)
-    if scores[row, column] < _ALIGNED_MIN:
-        return None
-    start = np.array([[1, 0, column - cells], [0, 1, row - cells]], dtype=np.float32)
-    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 60, 1e-4)
-    mask = view.visible.astype(np.uint8)
-    corners = np.array([[0, 0, 1], [width, 0, 1], [0, height, 1], [width, height, 1]], dtype=np.float64).T
-    for motion in (cv2.MOTION_AFFINE, cv2.MOTION_TRANSLATION):
-        with suppress(cv2.error):  # no convergence
-            _, warp = cv2.findTransformECC(first, second, start.copy(), motion, criteria, mask, 5)
-            if np.abs((warp - start) @ corners).max() <= 2 + _TURN_MAX_SHARE * max(height, width):
-                return np.asarray(warp, dtype=np.float64)
-    return start.astype(np.float64)
+    found = align_patch(first, second, reach_px, view.visible)
+    return None if found.correlation < _ALIGNED_MIN else found.warp.astype(np.float64)
 
 
 def apply_alignment(view: PatchView, warp: Float64Array) -> PatchView:

@@ -11,50 +11,22 @@ import pyarrow as pa
 
 from facadelake.campaigns import find_capture_time
 from facadelake.core.errors import InputDataError
-from facadelake.reporting.history.findings import COUNTED_ONLY, Finding, TimelineState, combine_states
+from facadelake.reporting.history.compared_track import ComparedTrack, TrackSpan, compare_track, create_span
+from facadelake.reporting.history.detections import OBSERVATION_COLUMNS, Detections, read_detections
+from facadelake.reporting.history.findings import Finding
 from facadelake.reporting.history.relative_offsets import RelativeOffset, compute_relative_offsets, index_offsets
-from facadelake.reporting.history.size_changes import TrackSizeChange, sum_changes
 from facadelake.reporting.severity_order import rank_severity, read_rule_packs
-from schemas.vocabulary import OffsetOutcome, StateEvidence, TrackState
+from facadelake.severity import RulePack
+from facadelake.tracking import SizeDifference
+from schemas.vocabulary import OffsetOutcome, TrendQuantity
 
 Row = Mapping[str, Any]
-TABLES = ("campaigns", "tracks", "track_states", "track_relations", "looks", "frame_offsets", "defects")
-_URGENT = (Finding.REOPENED, Finding.GROWN)
+TABLES = (
+    "campaigns", "tracks", "track_states", "track_relations", "looks", "frame_offsets", "defects", "observations",
+)  # fmt: skip
+READ_COLUMNS = {"observations": OBSERVATION_COLUMNS}
+_URGENT = (Finding.REOPENED, Finding.REPAIRED_BETWEEN, Finding.GROWN, Finding.CLASS_CHANGED)
 _ORDER = list(Finding)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TimelineEntry:
-    """A track in one campaign: its state (None before it was known) and its defect (None where not detected)."""
-
-    campaign_id: str
-    state: TimelineState | None
-    defect: Row | None
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ComparedTrack:
-    """One track in both campaigns of a comparison.
-
-    ``place``: the defect (row of ``defects``) that tells its place: that of the later campaign, else the latest one
-    before it, else the first one after it. ``before``, ``after``: the defects of both campaigns, None where not
-    detected. ``changes``: since the detection in the earlier campaign, or before it. ``remark``: what else is known.
-    """
-
-    track_id: str
-    finding: Finding
-    evidence: StateEvidence
-    place: Row
-    before: Row | None
-    after: Row | None
-    changes: tuple[TrackSizeChange, ...]
-    remark: str
-    timeline: tuple[TimelineEntry, ...]
-
-    @property
-    def defect_class(self) -> str:
-        """Class of the defect."""
-        return str(self.place["defect_class"])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,7 +46,12 @@ class BuildingComparison:
     @property
     def listed(self) -> tuple[ComparedTrack, ...]:
         """The tracks that need attention: all but the unchanged ones."""
-        return tuple(track for track in self.tracks if track.finding not in COUNTED_ONLY)
+        return tuple(track for track in self.tracks if track.is_listed)
+
+    @property
+    def there_count(self) -> int:
+        """Number of tracks that one of both campaigns shows; the others were repaired before, or are not seen in it."""
+        return sum(track.is_there for track in self.tracks)
 
     def count_findings(self) -> dict[Finding, int]:
         """Number of tracks by finding, in the order of what matters; only those that occur."""
@@ -145,18 +122,21 @@ def compare_campaigns(tables: Mapping[str, pa.Table], earlier: str | None, later
     building_id = str(ordered[0]["building_id"])
     offsets = index_offsets(tables["frame_offsets"])
     _require_tracked(building_id, (earlier, later), offsets)
-    defects = {(row["campaign_id"], row["defect_id"]): row for row in tables["defects"].to_pylist()}
+    detections = read_detections(tables["defects"], tables["observations"])
     relations = _index_relations(tables["track_relations"])
     states: dict[str, dict[str, Row]] = {}
     for row in tables["track_states"].to_pylist():
         states.setdefault(row["track_id"], {})[row["campaign_id"]] = row
-    packs = read_rule_packs([row for row in defects.values() if row["severity_rule"] is not None])
+    spans = [create_span(track_id, own, names, (earlier, later), detections) for track_id, own in states.items()]
+    spans = [span for span in spans if span.is_known]
+    changes = _compare_sizes(spans, detections)
+    packs = read_rule_packs([row for row in detections.rows.values() if row["severity_rule"] is not None])
+    since = names[names.index(earlier) + 1 : names.index(later) + 1]
     tracks = []
-    for track_id, own in states.items():
-        track = _compare_track(track_id, own, names, (earlier, later), defects, relations)
-        if track is not None:
-            tracks.append((rank_severity(track.place, packs), track))
-    tracks.sort(key=lambda pair: _sort_key(*pair))
+    for span in spans:
+        told = [describe_relation(row) for name in since for row in relations.get((name, span.track_id), ())]
+        tracks.append(compare_track(span, changes.get(span.track_id, {}), told))
+    tracks.sort(key=lambda track: _sort_key(track, packs))
     by_id = {row["campaign_id"]: row for row in ordered}
     return BuildingComparison(
         building_id=building_id,
@@ -165,90 +145,30 @@ def compare_campaigns(tables: Mapping[str, pa.Table], earlier: str | None, later
         earlier_row=by_id[earlier],
         later_row=by_id[later],
         campaigns=tuple(names),
-        tracks=tuple(track for _, track in tracks),
+        tracks=tuple(tracks),
         offsets=tuple(compute_relative_offsets(offsets[earlier], offsets[later])),
         looks={(row["campaign_id"], row["track_id"]): row for row in tables["looks"].to_pylist()},
     )
 
 
-def _sort_key(rank: float, track: ComparedTrack) -> tuple[object, ...]:
-    """Reopened and grown ones first, the most severe at the head; then by severity within each finding."""
+def _compare_sizes(
+    spans: Sequence[TrackSpan], detections: Detections
+) -> dict[str, dict[TrendQuantity, SizeDifference]]:
+    """Changes between the detections of both campaigns by track, significant over all of them."""
+    pairs = {span.track_id: (span.before, span.after) for span in spans}
+    known = {name: (one, two) for name, (one, two) in pairs.items() if one is not None and two is not None}
+    return dict(zip(known, detections.compare(list(known.values())), strict=True))
+
+
+def _sort_key(track: ComparedTrack, packs: Mapping[str, RulePack]) -> tuple[object, ...]:
+    """What has opened or changed first, the most severe at the head; then by severity within each finding, those
+    whose grade became worse before the others."""
     group = 0 if track.finding in _URGENT else _ORDER.index(track.finding)
-    return group, rank, _ORDER.index(track.finding), -track.place["area_m2"], track.track_id
-
-
-def _compare_track(
-    track_id: str,
-    states: Mapping[str, Row],
-    names: Sequence[str],
-    pair: tuple[str, str],
-    defects: Mapping[tuple[str, str], Row],
-    relations: Mapping[tuple[str, str], Sequence[Row]],
-) -> ComparedTrack | None:
-    """One track; None where it was not known in either campaign.
-
-    Args:
-        track_id: its id.
-        states: its rows of ``track_states`` by campaign.
-        names: the building's campaigns in order.
-        pair: the earlier and the later campaign.
-        defects: rows of ``defects`` by campaign and defect.
-        relations: rows of ``track_relations`` by campaign and track.
-    """
-    timeline = tuple(_create_entry(name, states.get(name), defects) for name in names)
-    first, last = (names.index(name) for name in pair)
-    span = [entry.state for entry in timeline[first + 1 : last + 1] if entry.state is not None]
-    if timeline[last].state is None or not span:
-        return None
-    place = _choose_place(timeline, last)
-    if place is None:
-        return None
-    told = [states[name]["state_remark"] for name in names[first + 1 : last + 1] if name in states]
-    told += [
-        describe_relation(row) for name in names[first + 1 : last + 1] for row in relations.get((name, track_id), ())
-    ]
-    reviewer = states[pair[1]]["reviewer"]
-    told += [f"by {reviewer}"] if reviewer else []
-    told += _tell_what_was_before(timeline, first, last)
-    return ComparedTrack(
-        track_id=track_id,
-        finding=combine_states(timeline[first].state, span),
-        evidence=span[-1].evidence,
-        place=place,
-        before=timeline[first].defect,
-        after=timeline[last].defect,
-        changes=sum_changes(states, names, pair),
-        remark="; ".join(dict.fromkeys(text for text in told if text)),
-        timeline=timeline,
+    rank = rank_severity(track.place, packs)
+    is_worse = (
+        track.finding is Finding.REGRADED and track.before is not None and rank < rank_severity(track.before, packs)
     )
-
-
-def _create_entry(campaign_id: str, row: Row | None, defects: Mapping[tuple[str, str], Row]) -> TimelineEntry:
-    if row is None:
-        return TimelineEntry(campaign_id=campaign_id, state=None, defect=None)
-    state = TimelineState(state=TrackState(row["track_state"]), evidence=StateEvidence(row["state_evidence"]))
-    return TimelineEntry(
-        campaign_id=campaign_id, state=state, defect=defects.get((campaign_id, row["defect_id"] or ""))
-    )
-
-
-def _choose_place(timeline: Sequence[TimelineEntry], last: int) -> Row | None:
-    """The defect of the campaign ``last``, else the latest before it, else the first after it."""
-    nearest = [*reversed(timeline[: last + 1]), *timeline[last + 1 :]]
-    return next((entry.defect for entry in nearest if entry.defect is not None), None)
-
-
-def _tell_what_was_before(timeline: Sequence[TimelineEntry], first: int, last: int) -> list[str]:
-    """Where the earlier campaign did not detect it although it was known, when it was detected last."""
-    state = timeline[first].state
-    if state is None or timeline[first].defect is not None:
-        return []
-    if state.evidence is StateEvidence.LOOKS_THE_SAME:
-        return [f"in {timeline[first].campaign_id} it was seen by comparison alone"]
-    earlier = [entry.campaign_id for entry in timeline[:first] if entry.defect is not None]
-    word = str(state.finding)
-    seen = f", detected last in {earlier[-1]}" if earlier else ""
-    return [f"{word} in {timeline[first].campaign_id}{seen}"]
+    return group, not is_worse, rank, _ORDER.index(track.finding), -track.place["area_m2"], track.track_id
 
 
 def describe_relation(row: Row) -> str:

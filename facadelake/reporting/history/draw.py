@@ -23,7 +23,8 @@ from facadelake.registry import Building
 from facadelake.reporting.cards.crops import format_file_label
 from facadelake.reporting.drawing.labels import label_ids
 from facadelake.reporting.elevations.marks import DefectMark, create_marks
-from facadelake.reporting.history.comparison import TABLES, BuildingComparison, ComparedTrack, Row, compare_campaigns
+from facadelake.reporting.history.compared_track import ComparedTrack
+from facadelake.reporting.history.comparison import READ_COLUMNS, TABLES, BuildingComparison, Row, compare_campaigns
 from facadelake.reporting.history.elevations import draw_elevation_pictures
 from facadelake.reporting.history.page import ComparisonPictures, write_page
 from facadelake.reporting.history.pairs import PairRequest, PosedPhotographs, write_pairs
@@ -57,7 +58,7 @@ def read_history(lake: Path, building_id: str, names: Sequence[str] = TABLES, *,
     if not has_lake(lake):
         raise InputDataError(f"there is no lake in {lake}; inspect a campaign first, or name another with --lake")
     with report_progress("Reading the lake"):
-        tables = read_tables(lake, list(names), building_id=building_id, as_of=as_of)
+        tables = read_tables(lake, list(names), building_id=building_id, as_of=as_of, columns=READ_COLUMNS)
     if not len(tables["campaigns"]):
         raise InputDataError(f"the lake {lake} has no campaign of building '{building_id}'; run 'facadelake inspect'")
     return BuildingTables(building_id=building_id, lake=lake, version=as_of, tables=tables)
@@ -238,7 +239,8 @@ def create_request(track: ComparedTrack, comparison: BuildingComparison, mark: D
     offsets = {offset.facade: offset.xyz_m for offset in comparison.offsets if offset.xyz_m is not None}
     offset = offsets.get(track.place["facade"] or "", offsets.get("", (0.0, 0.0, 0.0)))
     photo_ids: list[str | None] = []
-    for campaign, defect in ((comparison.earlier, track.before), (comparison.later, track.after)):
+    for campaign in track.pair:
+        defect = track.find_detection(campaign)
         look = comparison.looks.get((campaign, track.track_id))
         photo_ids.append(defect["best_photo_id"] if defect is not None else look["look_photo_id"] if look else None)
     return PairRequest(
@@ -262,7 +264,7 @@ def _find_cards(
             continue
         labels = label_ids([row["defect_id"] for row in rows if row["campaign_id"] == campaign])
         for track in comparison.listed[:shown_max]:
-            defect = track.before if campaign == comparison.earlier else track.after
+            defect = track.find_detection(campaign)
             if defect is None:
                 continue
             card = release / "cards" / f"card_{format_file_label(labels[defect['defect_id']])}.png"

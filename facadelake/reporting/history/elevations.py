@@ -132,10 +132,11 @@ def render_elevation(
     lines += _render_labels(picture, shown, findings, centres, linked, unit)
     listed = sum(findings[mark.defect_id] not in COUNTED_ONLY for mark in shown)
     title = f"{picture.facade.title}: {len(shown)} defects, of which {listed} are listed"
+    widest = f"{shown_px + _MARGIN_PX:.0f}px"
     box = f"0 0 {picture.width_px + _MARGIN_PX * unit:.0f} {picture.height_px + 34 * unit:.0f}"
     image = f'<image href="{link_file(picture.path, folder)}" width="{picture.width_px}" height="{picture.height_px}"/>'
     return Html(
-        f'<figure class="elevation"><svg viewBox="{box}" style="max-width:{shown_px + _MARGIN_PX:.0f}px" role="img" '
+        f'<figure class="elevation"><svg viewBox="{box}" style="max-width:{widest};--widest:{widest}" role="img" '
         f'aria-label="{escape(title, quote=True)}">{image}'
         + "".join(lines)
         + _render_scale_bar(picture, unit)

@@ -11,12 +11,14 @@ from typing import Any
 
 import pyarrow as pa
 
-from facadelake.core.errors import InputDataError, suggest_name
-from facadelake.lake import has_lake, read_tables
-from facadelake.reporting.history.comparison import TABLES, describe_relation, order_campaigns
+from facadelake.core.errors import InputDataError
+from facadelake.lake import has_lake, read_tables, require_known_values
+from facadelake.reporting.history.comparison import READ_COLUMNS, TABLES, describe_relation, order_campaigns
+from facadelake.reporting.history.detections import read_detections
 from facadelake.reporting.history.findings import MEANINGS, Finding, TimelineState
+from facadelake.reporting.history.relative_offsets import compute_relative_offsets, index_offsets
 from facadelake.reporting.history.sentences import EVIDENCE
-from facadelake.reporting.history.size_changes import format_size, sum_changes
+from facadelake.reporting.history.size_changes import format_size, read_changes, select_main_changes
 from facadelake.severity import describe_severity
 from schemas.vocabulary import LookVerdict, OffsetOutcome, StateEvidence, TrackState
 
@@ -85,18 +87,15 @@ def read_track_tables(
     if not has_lake(lake):
         raise InputDataError(f"there is no lake in {lake}; inspect a campaign first, or name another with --lake")
     building_id = track_id.rpartition("-")[0]
-    tables = read_tables(lake, list(names), building_id=building_id, as_of=as_of)
+    tables = read_tables(lake, list(names), building_id=building_id, as_of=as_of, columns=READ_COLUMNS)
     known = tables["tracks"].column("track_id").to_pylist()
     if track_id not in known:
-        if len(tables["campaigns"]) and not len(tables["frame_offsets"]):
+        if len(tables["campaigns"]) and not known and not len(tables["frame_offsets"]):
             raise InputDataError(
                 f"building '{building_id}' is not tracked: the lake has no history of it; run 'facadelake track "
                 f"{building_id}'"
             )
-        raise InputDataError(
-            f"there is no track '{track_id}'{suggest_name(track_id, known)}; an id is the building and a number, such "
-            "as castle-0042, as 'facadelake compare' lists them"
-        )
+        require_known_values(lake, {"track_id": track_id}, {"track_id": "tracks.track_id"}, as_of=as_of)
     return {
         name: table
         if "track_id" not in table.column_names
@@ -109,8 +108,8 @@ def explain_rows(tables: Mapping[str, pa.Table], track_id: str) -> TrackExplanat
     """Explain a track from the tables of ``read_track_tables``."""
     track = tables["tracks"].to_pylist()[0]
     ordered = order_campaigns(tables["campaigns"])
-    names = [row["campaign_id"] for row in ordered]
-    defects = {(row["campaign_id"], row["defect_id"]): row for row in tables["defects"].to_pylist()}
+    offsets, before = index_offsets(tables["frame_offsets"]), None
+    defects = read_detections(tables["defects"], tables["observations"]).rows
     states = {row["campaign_id"]: row for row in tables["track_states"].to_pylist()}
     explained = []
     for row in ordered:
@@ -119,8 +118,10 @@ def explain_rows(tables: Mapping[str, pa.Table], track_id: str) -> TrackExplanat
         finding = None if state is None else _get_state(state).finding
         lines = [f"photographed {_format_day(row['captured_from'])}"]
         if state is not None:
-            lines += _explain_state(state, defects, states, names)
-        lines += [_explain_offset(one) for one in _select(tables["frame_offsets"], name, track["facade"])]
+            lines += _explain_state(state, defects, states)
+        if name in offsets:
+            lines.append(_explain_offset(offsets, before, name, track["facade"] or ""))
+            before = before if offsets[name][""]["offset_outcome"] == OffsetOutcome.REFUSED else name
         lines += _explain_candidates(tables["track_candidates"], name, defects, track, states)
         lines += [_explain_look(look) for look in _select(tables["looks"], name)]
         lines += [f"relation: {describe_relation(one)}" for one in _select(tables["track_relations"], name)]
@@ -135,13 +136,8 @@ def explain_rows(tables: Mapping[str, pa.Table], track_id: str) -> TrackExplanat
     )
 
 
-def _select(table: pa.Table, campaign_id: str, facade: str | None = None) -> list[Row]:
-    """Rows of a campaign; of ``frame_offsets`` that of the facade, else of the whole building."""
-    rows: list[Row] = [row for row in table.to_pylist() if row["campaign_id"] == campaign_id]
-    if "offset_outcome" not in table.column_names:
-        return rows
-    own = [row for row in rows if row["facade"] == facade]
-    return own or [row for row in rows if not row["facade"]]
+def _select(table: pa.Table, campaign_id: str) -> list[Row]:
+    return [row for row in table.to_pylist() if row["campaign_id"] == campaign_id]
 
 
 def _get_state(row: Row) -> TimelineState:
@@ -186,14 +182,19 @@ def _explain_trend(track: Row) -> str:
     return text
 
 
-def _explain_state(
-    state: Row, defects: Mapping[tuple[str, str], Row], states: Mapping[str, Row], names: Sequence[str]
-) -> list[str]:
+def _explain_state(state: Row, defects: Mapping[tuple[str, str], Row], states: Mapping[str, Row]) -> list[str]:
     finding = _get_state(state).finding
-    lines = [f"{MEANINGS[finding]} (evidence: {EVIDENCE[StateEvidence(state['state_evidence'])]})"]
+    defect = defects.get((state["campaign_id"], state["defect_id"] or ""))
+    since = state["previous_campaign"]
+    before = defects.get((since, states[since]["defect_id"] or "")) if since in states else None
+    meaning = MEANINGS[finding]
+    if finding is Finding.UNCHANGED and defect is not None and before is not None:
+        kinds = before["defect_class"], defect["defect_class"]
+        if kinds[0] != kinds[1]:
+            meaning = f"detected again, as {kinds[1]} and no longer as {kinds[0]}; their sizes are not compared"
+    lines = [f"{meaning} (evidence: {EVIDENCE[StateEvidence(state['state_evidence'])]})"]
     if state["state_remark"]:
         lines.append(state["state_remark"])
-    defect = defects.get((state["campaign_id"], state["defect_id"] or ""))
     if defect is not None:
         lines.append(
             f"it is defect {defect['defect_id']}: {defect['defect_class']}, {format_size(defect)}, "
@@ -204,30 +205,42 @@ def _explain_state(
             f"probability that {state['defect_id']} is this track, among all candidates: "
             f"{_format_probability(state['match_probability'])}"
         )
-    previous = state["previous_campaign"]
-    if previous is not None and previous in names:
-        changes = sum_changes({state["campaign_id"]: state}, names, (previous, state["campaign_id"]))
-        if changes:
-            years = state["years_since_previous"]
-            after = f" in {years:.1f} years" if years is not None else ""
-            told = ", ".join(f"{change}{' (significant)' if change.decisive else ''}" for change in changes)
-            lines.append(f"change since {previous}{after}, with one standard error: {told}")
+    changes = select_main_changes(read_changes(state), state["defect_class"])
+    if changes:
+        years = state["years_since_previous"]
+        after = f" in {years:.1f} years" if years is not None else ""
+        size = f" ({format_size(before)})" if before is not None else ""
+        told = ", ".join(f"{change}{' (significant)' if change.decisive else ''}" for change in changes)
+        lines.append(f"change since {since}{size}{after}, with one standard error: {told}")
     return lines
 
 
-def _explain_offset(row: Row) -> str:
-    if row["offset_outcome"] == OffsetOutcome.FIRST:
+def _explain_offset(offsets: Mapping[str, Mapping[str, Row]], before: str | None, name: str, facade: str) -> str:
+    """The offset of a campaign's positions from those of the tracked one before it.
+
+    Args:
+        offsets: rows of ``frame_offsets`` by campaign and facade.
+        before: the tracked campaign before; None: there is none.
+        name: the campaign.
+        facade: the facade of the track; the offset of the whole building where it has none of its own.
+    """
+    own = offsets[name]
+    if own[""]["offset_outcome"] == OffsetOutcome.REFUSED:
+        return f"not tracked: {own['']['detail']}"
+    if before is None:
         return "the first campaign: later ones are compared in its frame"
-    where = f"facade {row['facade']}" if row["facade"] else "whole building"
-    if row["offset_east_m"] is None:
-        return f"offset of the frames ({where}) not estimated: {row['detail']}"
+    found = {one.facade: one for one in compute_relative_offsets(offsets[before], own)}
+    offset = found.get(facade, found[""])
+    where = f"facade {offset.facade}" if offset.facade else "whole building"
+    if offset.xyz_m is None or offset.sigma_m is None:
+        return f"offset of the frames ({where}) not estimated: {offset.remark}"
     values = ", ".join(
-        f"{100 * row[f'offset_{axis}_m']:+.1f} ± {100 * (row[f'offset_sigma_{axis}_m'] or 0):.1f} cm {axis}"
-        for axis in ("east", "north", "up")
+        f"{100 * value:+.1f} ± {100 * sigma:.1f} cm {axis}"
+        for value, sigma, axis in zip(offset.xyz_m, offset.sigma_m, ("east", "north", "up"), strict=True)
     )
     return (
-        f"the campaign's positions are offset from those before by {values} ({where}, from {row['offset_count']} "
-        "defects); candidates are compared without it"
+        f"the campaign's positions are offset from those of {before}, the campaign before, by {values} ({where}, from "
+        f"{offset.counts[1]} defects); candidates are compared without it"
     )
 
 

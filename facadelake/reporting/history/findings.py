@@ -21,9 +21,12 @@ class Finding(StrEnum):
     """What became of a defect between two campaigns; in the order of what matters."""
 
     REOPENED = "reopened"
+    REPAIRED_BETWEEN = "repaired between"
     GROWN = "grown"
+    CLASS_CHANGED = "class changed"
     NEW = "new"
     FIRST_SEEN = "first seen"
+    REGRADED = "regraded"
     NOT_IMAGED = "not imaged"
     NOT_FOUND = "not found"
     MISSED = "missed by the detector"
@@ -37,9 +40,12 @@ class Finding(StrEnum):
 COUNTED_ONLY = frozenset({Finding.UNCHANGED, Finding.STILL_REPAIRED})
 MEANINGS: dict[Finding, str] = {
     Finding.REOPENED: "there again after it was repaired",
+    Finding.REPAIRED_BETWEEN: "there in both campaigns, but repaired between them: the repair did not hold",
     Finding.GROWN: "larger, beyond the errors of both campaigns",
+    Finding.CLASS_CHANGED: "of another class now, such as a crack that spalled; sizes of two classes are not compared",
     Finding.NEW: "its place was imaged well enough before, and did not show it",
     Finding.FIRST_SEEN: "its place was never imaged well enough before: its age is unknown",
+    Finding.REGRADED: "of another severity now, although no change of its size is beyond the errors",
     Finding.NOT_IMAGED: "its place is in no photograph, or hidden: nothing is known of it now",
     Finding.NOT_FOUND: "its place was imaged, it was not detected, and the photographs decide neither way",
     Finding.MISSED: "still there: its place looks as it did, but the detector did not report it",
@@ -62,8 +68,12 @@ class Style:
 
 
 _CIRCLE = '<circle r="7"/>'
+_STAR = "M0-9.5 2.6-3.4 9-2.9 4.1 1.4 5.6 7.8 0 4.4-5.6 7.8-4.1 1.4-9-2.9-2.6-3.4Z"
 _SHAPES = {
-    "star": '<path d="M0-9.5 2.6-3.4 9-2.9 4.1 1.4 5.6 7.8 0 4.4-5.6 7.8-4.1 1.4-9-2.9-2.6-3.4Z"/>',
+    "star": f'<path d="{_STAR}"/>',
+    "star_open": f'<path d="{_STAR}" class="open"/>',
+    "hourglass": '<path d="M-7-8H7L-7 8H7Z"/>',
+    "chevrons": '<path d="M-7 8 0 1 7 8M-7-1 0-8 7-1" class="line"/>',
     "up": '<path d="M0-8.5 8.5 6.5-8.5 6.5Z"/>',
     "down": '<path d="M0 8.5 8.5-6.5-8.5-6.5Z"/>',
     "diamond": '<path d="M0-9 9 0 0 9-9 0Z"/>',
@@ -77,9 +87,12 @@ _SHAPES = {
 }
 STYLES: dict[Finding, Style] = {
     Finding.REOPENED: Style(colour="#d55e00", shape=_SHAPES["star"]),
+    Finding.REPAIRED_BETWEEN: Style(colour="#d55e00", shape=_SHAPES["star_open"]),
     Finding.GROWN: Style(colour="#d55e00", shape=_SHAPES["up"]),
+    Finding.CLASS_CHANGED: Style(colour="#d55e00", shape=_SHAPES["hourglass"]),
     Finding.NEW: Style(colour="#cc79a7", shape=_SHAPES["diamond"]),
     Finding.FIRST_SEEN: Style(colour="#cc79a7", shape=_SHAPES["diamond_open"]),
+    Finding.REGRADED: Style(colour="#e69f00", shape=_SHAPES["chevrons"]),
     Finding.NOT_IMAGED: Style(colour="#000000", shape=_SHAPES["square_open"]),
     Finding.NOT_FOUND: Style(colour="#e69f00", shape=_SHAPES["cross"]),
     Finding.MISSED: Style(colour="#0072b2", shape=_SHAPES["circle_open"]),
@@ -117,27 +130,54 @@ _OF_STATE = {
 }
 
 
-def combine_states(before: TimelineState | None, after: Sequence[TimelineState]) -> Finding:
-    """What became of a defect over a span of campaigns.
+@dataclass(frozen=True, kw_only=True)
+class SpanChange:
+    """How the detections differ that stand for both campaigns: ``growth`` 1 grown, -1 shrunk, 0 neither beyond the
+    errors; whether the class, and whether the severity is another one."""
+
+    growth: int = 0
+    other_class: bool = False
+    other_severity: bool = False
+
+
+def combine_states(
+    before: Sequence[TimelineState | None], after: Sequence[TimelineState], change: SpanChange
+) -> Finding:
+    """What became of a defect over a span of campaigns: the later campaign counts against the earlier one.
+
+    What was taken back between them (growth, a change of class) is none; a repair between them that did not hold is a
+    finding of its own.
 
     Args:
-        before: its state in the first campaign of the span; None: it was not known there.
+        before: its states up to the earlier campaign in order of time; None: it was not known then.
         after: its states in the later campaigns of the span, at least one, in order of time.
+        change: what differs between the detections of both campaigns.
 
     Returns:
-        The finding. A change of size that was taken back within the span is none.
+        The finding.
     """
     last = after[-1]
-    states = [one.state for one in after]
+    states = {one.state for one in after}
+    was_repaired = _was_repaired(before)
     if last.state not in THERE:
-        if last.state is TrackState.REPAIRED and before is not None and before.state is TrackState.REPAIRED:
-            return Finding.STILL_REPAIRED if set(states) <= {TrackState.REPAIRED} else Finding.REPAIRED
-        return last.finding
-    if TrackState.REOPENED in states:
+        unopened = last.state is TrackState.REPAIRED and was_repaired and not states & THERE
+        return Finding.STILL_REPAIRED if unopened else last.finding
+    if was_repaired:
         return Finding.REOPENED
-    if before is None:
+    if not before or before[-1] is None:
         return Finding.NEW if TrackState.NEW in states else Finding.FIRST_SEEN
-    steps = states.count(TrackState.GROWN) - states.count(TrackState.SHRUNK)
-    if steps:
-        return Finding.GROWN if steps > 0 else Finding.SHRUNK
+    if states & {TrackState.REPAIRED, TrackState.REOPENED}:
+        return Finding.REPAIRED_BETWEEN
+    if change.growth:
+        return Finding.GROWN if change.growth > 0 else Finding.SHRUNK
+    if change.other_class:
+        return Finding.CLASS_CHANGED
+    if change.other_severity:
+        return Finding.REGRADED
     return last.finding if last.state is TrackState.SEEN else Finding.UNCHANGED
+
+
+def _was_repaired(before: Sequence[TimelineState | None]) -> bool:
+    """Whether the defect was repaired, as far as that was known last."""
+    known = (one.state for one in reversed(before) if one is not None)
+    return next((state is TrackState.REPAIRED for state in known if state in THERE | {TrackState.REPAIRED}), False)

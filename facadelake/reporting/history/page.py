@@ -7,22 +7,27 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
-from facadelake.reporting.history.comparison import BuildingComparison, ComparedTrack
+from facadelake.reporting.history.compared_track import ComparedTrack
+from facadelake.reporting.history.comparison import BuildingComparison
 from facadelake.reporting.history.elevations import ElevationPicture, render_elevation
 from facadelake.reporting.history.findings import COUNTED_ONLY, MEANINGS, Finding
 from facadelake.reporting.history.pair_view import PAIR_SCRIPT, PAIR_STYLE, render_pair
 from facadelake.reporting.history.pairs import Pair
 from facadelake.reporting.history.sentences import (
+    describe_count,
     describe_evidence,
+    describe_grade,
     describe_look,
     describe_offsets,
     describe_place,
+    describe_sizes,
     describe_span,
     format_offset,
 )
-from facadelake.reporting.history.size_changes import format_changes, format_size
+from facadelake.reporting.history.size_changes import format_changes
 from facadelake.reporting.history.symbols import (
     SYMBOL_STYLE,
+    render_class,
     render_definitions,
     render_named_symbol,
     render_symbol,
@@ -30,7 +35,6 @@ from facadelake.reporting.history.symbols import (
 )
 from facadelake.reporting.html import (
     Html,
-    html_from_class,
     html_from_value,
     render_page,
     render_paragraph,
@@ -38,15 +42,16 @@ from facadelake.reporting.html import (
     render_table,
     render_tiles,
 )
-from facadelake.severity import describe_severity
 
 PAGE_NAME = "comparison.html"
 _STYLE = (
-    "figure.elevation svg { width: 100%; height: auto; max-height: 88vh; background: #fff; "
+    # On a narrow screen an elevation is scrolled: scaled down, its signs and numbers could not be read.
+    "figure.elevation { overflow-x: auto; } figure.elevation svg { min-width: min(720px, var(--widest)); }"
+    " figure.elevation svg { width: 100%; height: auto; max-height: 88vh; background: #fff; "
     "border: 1px solid var(--line); }"
     " path.storey { stroke: #202020; stroke-dasharray: 10 6; opacity: 0.5; }"
     " text.storey { fill: #202020; font-family: system-ui, sans-serif; } path.scale { stroke: #202020; fill: none; }"
-    " .ring { fill: none; stroke: var(--ink); } .tag rect { fill: #fff; stroke: var(--ink); opacity: 0.92; }"
+    " .ring { fill: none; stroke: var(--mark); } .tag rect { fill: #fff; stroke: var(--mark); opacity: 0.92; }"
     " .tag text { fill: #111; font-family: system-ui, sans-serif; font-weight: 600; }"
     " ol.strip { display: flex; flex-wrap: wrap; gap: 0.3rem; list-style: none; padding: 0; margin: 0.4rem 0; }"
     " ol.strip li { border: 1px solid var(--line); border-radius: 4px; padding: 0.15rem 0.6rem; font-size: 0.85rem; }"
@@ -58,10 +63,13 @@ _STYLE = (
     + " ".join(
         f"body:has(#show-{finding.name.lower()}:not(:checked)) article"
         f".f-{finding.name.lower()}, body:has(#show-{finding.name.lower()}:not(:checked)) figure.elevation "
-        f".f-{finding.name.lower()} {{ display: none; }}"
+        f".f-{finding.name.lower()}, body:has(#show-{finding.name.lower()}:not(:checked)) #list "
+        f"tr:has(svg.f-{finding.name.lower()}) {{ display: none; }}"
         for finding in Finding
     )
-    + " @media print { .filter { display: none; } article { break-inside: avoid; } }"
+    + " #list td:last-child { min-width: 12rem; }"
+    + " @media print { #list td:last-child { min-width: 0; } .filter { display: none; }"
+    + " article { break-inside: avoid; } }"
 )
 
 
@@ -132,7 +140,9 @@ def _name_anchor(track: ComparedTrack) -> str:
 
 def _render_key_figures(comparison: BuildingComparison) -> Html:
     counts = comparison.count_findings()
-    tiles: list[tuple[object, str]] = [(len(comparison.tracks), "defects in the comparison")]
+    tiles: list[tuple[object, str]] = [
+        (comparison.there_count, f"defects in {comparison.earlier} or {comparison.later}")
+    ]
     tiles += [
         (Html(f"{render_symbol(finding).text} {count}"), str(finding))
         for finding, count in counts.items()
@@ -150,7 +160,7 @@ def _render_counts(comparison: BuildingComparison) -> list[Html]:
         for finding, count in counts.items()
     )
     return [
-        render_table(["", "defects", "meaning"], rows, numeric=[1]),
+        render_table(["", "defects", "meaning"], rows, caption=describe_count(comparison), numeric=[1]),
         Html(f'<p class="soft">Show on this page:</p><div class="filter">{boxes}</div>'),
     ]
 
@@ -180,21 +190,21 @@ def _render_list(comparison: BuildingComparison, anchors: Mapping[str, str]) -> 
         [
             _link_track(track, anchors),
             render_named_symbol(track.finding),
-            html_from_class(track.defect_class),
-            describe_severity(track.place),
+            render_class(track),
+            describe_grade(track),
             track.place["facade"],
             track.place["storey"],
-            format_size(track.before) or None,
-            format_size(track.after) or None,
-            format_changes(track.changes, track.defect_class, comparison.earlier) or None,
+            *(size or None for size in describe_sizes(track)),
+            format_changes(track.changes, track.defect_class, track.pair) or None,
             describe_evidence(track) or None,
         ]
         for track in comparison.listed
     ]
     counted = len(comparison.tracks) - len(rows)
     note = (
-        "Reopened and grown defects first, the most severe at the head. Changes are told with one standard error; "
-        "'grown' and 'shrunk' are significant beyond both campaigns' errors. "
+        "Defects that are reopened, grown or of another class first, the most severe at the head. Length and area are "
+        "medians of a campaign's sightings; the change is their difference, with one standard error. 'Grown' and "
+        "'shrunk' are significant beyond both campaigns' errors. "
         f"{counted} unchanged defect{'' if counted == 1 else 's'} (or still repaired) are counted, not listed."
     )
     return [render_paragraph(note), render_table(heads, rows)]
@@ -229,11 +239,8 @@ def _introduce_pairs(comparison: BuildingComparison, pictures: ComparisonPicture
 def _render_track(
     track: ComparedTrack, pictures: ComparisonPictures, comparison: BuildingComparison, folder: Path
 ) -> Html:
-    sizes = [
-        f"{name}: {format_size(defect) or 'not detected'}"
-        for name, defect in ((comparison.earlier, track.before), (comparison.later, track.after))
-    ]
-    change = format_changes(track.changes, track.defect_class, comparison.earlier)
+    sizes = [f"{name}: {size or 'not detected'}" for name, size in zip(track.pair, describe_sizes(track), strict=True)]
+    change = format_changes(track.changes, track.defect_class, track.pair)
     facts = " · ".join([describe_place(track), *sizes, *([change] if change else [])])
     links = [
         f'<a href="{escape(link, quote=True)}">card of {escape(campaign)}</a>'
@@ -245,7 +252,7 @@ def _render_track(
     ]
     head = (
         f"{render_symbol(track.finding).text} {html_from_value(track.track_id)} · {html_from_value(track.finding)} · "
-        f"{html_from_class(track.defect_class).text} · {html_from_value(describe_severity(track.place))}"
+        f"{render_class(track).text} · {html_from_value(describe_grade(track))}"
     )
     told = "".join(
         f"<p>{html_from_value(text)}</p>"
@@ -276,10 +283,25 @@ def _render_places(comparison: BuildingComparison) -> Html:
 
 def _render_offsets(comparison: BuildingComparison) -> list[Html]:
     rows = [
-        [offset.facade or "whole building", *format_offset(offset), offset.count or None, offset.remark or None]
+        [
+            offset.facade or "whole building",
+            *format_offset(offset),
+            *(count or None for count in offset.counts),
+            offset.remark or None,
+        ]
         for offset in comparison.offsets
     ]
+    heads = [
+        "facade", "east, cm", "north, cm", "up, cm", f"defects of {comparison.earlier}",
+        f"defects of {comparison.later}", "",
+    ]  # fmt: skip
+    note = (
+        f"All offsets here are of {comparison.later} from {comparison.earlier}. Table frame_offsets of the lake has "
+        f"those of each campaign from the first one, {comparison.campaigns[0]}; 'facadelake why' tells each from the "
+        "campaign before it."
+    )
     return [
         render_paragraph(describe_offsets(comparison)),
-        render_table(["facade", "east, cm", "north, cm", "up, cm", "defects", ""], rows, numeric=[1, 2, 3, 4]),
+        render_table(heads, rows, numeric=[1, 2, 3, 4, 5]),
+        render_paragraph(note, "soft"),
     ]

@@ -20,8 +20,9 @@ PAIR_STYLE = (
     " .pair .stage .over { clip-path: inset(0 calc(100% - var(--cut)) 0 0); }"
     " .pair .stage .cut { position: absolute; top: 0; bottom: 0; left: var(--cut); width: 2px; margin-left: -1px;"
     " background: #fff; box-shadow: 0 0 2px #000; }"
-    " .pair .outline polygon { fill: none; stroke: #fff; stroke-width: 1; stroke-dasharray: 3 3;"
-    " vector-effect: non-scaling-stroke; mix-blend-mode: difference; }"
+    # Black and white, so that it is seen on any wall.
+    " .pair .outline polygon { fill: none; stroke: #000; stroke-width: 1.6; vector-effect: non-scaling-stroke; }"
+    " .pair .outline polygon.dashes { stroke: #fff; stroke-dasharray: 4 4; }"
     " .pair input[type=range] { width: 100%; margin: 0.3rem 0 0; }"
     " .pair .ends { display: flex; justify-content: space-between; gap: 1rem; }"
     " .pair .ends span:last-child { text-align: right; }"
@@ -94,10 +95,9 @@ def _render_image(path: Path | None, folder: Path, kind: str, alternative: str) 
 
 def _render_outline(pair: Pair) -> str:
     """The outline of the defect, in a picture of 100 by 100."""
-    rings = "".join(
-        '<polygon points="'
-        + " ".join(f"{50 + 100 * x / pair.side_m:.1f},{50 - 100 * y / pair.side_m:.1f}" for x, y in ring)
-        + '"/>'
+    places = [
+        " ".join(f"{50 + 100 * x / pair.side_m:.1f},{50 - 100 * y / pair.side_m:.1f}" for x, y in ring)
         for ring in pair.rings_m
-    )
+    ]
+    rings = "".join(f'<polygon points="{ring}"/><polygon class="dashes" points="{ring}"/>' for ring in places)
     return f'<svg class="outline" viewBox="0 0 100 100" aria-hidden="true">{rings}</svg>'

@@ -16,15 +16,17 @@ Row = Mapping[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class RelativeOffset:
-    """Offset between the frames of both campaigns on a facade ('' for the whole building), m, with one sigma each.
+    """Offset of a later campaign's positions from an earlier one's on a facade ('' for the whole building), m, with one
+    sigma each.
 
-    ``xyz_m`` is None where it was not estimated; ``remark`` says what is known.
+    ``xyz_m`` is None where it was not estimated; ``remark`` says why. ``counts``: defects of the earlier and of the
+    later campaign, known from campaigns before, at which it was estimated.
     """
 
     facade: str
     xyz_m: tuple[float, float, float] | None
     sigma_m: tuple[float, float, float] | None
-    count: int
+    counts: tuple[int, int]
     remark: str
 
 
@@ -47,17 +49,20 @@ _AXES = ("east", "north", "up")
 
 
 def _subtract_offsets(facade: str, earlier: Row | None, later: Row | None) -> RelativeOffset:
-    known = [row for row in (earlier, later) if row is not None]
-    told = "; ".join(dict.fromkeys(row["detail"] for row in known if row["detail"]))
-    if earlier is None or later is None or later["offset_east_m"] is None:
-        return RelativeOffset(facade=facade, xyz_m=None, sigma_m=None, count=0, remark=told or "not estimated")
-    if earlier["offset_east_m"] is None and earlier["offset_outcome"] != OffsetOutcome.FIRST:
-        return RelativeOffset(facade=facade, xyz_m=None, sigma_m=None, count=0, remark=told or "not estimated")
-    xyz = tuple(later[f"offset_{axis}_m"] - (earlier[f"offset_{axis}_m"] or 0.0) for axis in _AXES)
+    if earlier is None or later is None or not (_is_known(earlier) and _is_known(later)):
+        unknown = [row["detail"] for row in (earlier, later) if row is not None and not _is_known(row)]
+        told = "; ".join(dict.fromkeys(detail for detail in unknown if detail)) or "not estimated"
+        return RelativeOffset(facade=facade, xyz_m=None, sigma_m=None, counts=(0, 0), remark=told)
+    xyz = tuple((later[f"offset_{axis}_m"] or 0.0) - (earlier[f"offset_{axis}_m"] or 0.0) for axis in _AXES)
     sigma = tuple(
         math.hypot(later[f"offset_sigma_{axis}_m"] or 0.0, earlier[f"offset_sigma_{axis}_m"] or 0.0) for axis in _AXES
     )
     return RelativeOffset(
         facade=facade, xyz_m=(xyz[0], xyz[1], xyz[2]), sigma_m=(sigma[0], sigma[1], sigma[2]),
-        count=later["offset_count"], remark=told,
+        counts=(earlier["offset_count"], later["offset_count"]), remark="",
     )  # fmt: skip
+
+
+def _is_known(row: Row) -> bool:
+    """Whether the campaign's offset from the first campaign is known; that of the first one is zero."""
+    return bool(row["offset_outcome"] in (OffsetOutcome.FIRST, OffsetOutcome.ESTIMATED))

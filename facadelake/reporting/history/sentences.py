@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from facadelake.reporting.history.comparison import BuildingComparison, ComparedTrack
+from facadelake.reporting.history.compared_track import ComparedTrack
+from facadelake.reporting.history.comparison import BuildingComparison
 from facadelake.reporting.history.relative_offsets import RelativeOffset
+from facadelake.reporting.history.size_changes import format_size
+from facadelake.severity import describe_severity
 from schemas.vocabulary import StateEvidence
 
 DAYS_PER_YEAR = 365.25
@@ -46,6 +49,40 @@ def describe_look(track: ComparedTrack, comparison: BuildingComparison) -> str:
     return ""
 
 
+def describe_sizes(track: ComparedTrack) -> tuple[str, str]:
+    """The sizes of the detections that stand for both campaigns; one of another campaign is named."""
+    # What a campaign between has of a defect that is gone now says nothing of the later one.
+    after = track.after if track.is_there_later or track.before is None else None
+    told = [
+        format_size(row) + (f" in {row['campaign_id']}" if row is not None and row["campaign_id"] != name else "")
+        for row, name in zip((track.before, after), track.pair, strict=True)
+    ]
+    return told[0], told[1]
+
+
+def describe_class(track: ComparedTrack) -> str:
+    """The class, and the one before where it was another."""
+    if track.before is None or track.before["defect_class"] == track.defect_class:
+        return track.defect_class
+    return f"{track.before['defect_class']} → {track.defect_class}"
+
+
+def describe_grade(track: ComparedTrack) -> str:
+    """The severity with its range, and the one before where it was another."""
+    grade = describe_severity(track.place)
+    if track.before is None or track.before["severity"] == track.place["severity"]:
+        return grade
+    return f"{describe_severity(track.before)} → {grade}"
+
+
+def describe_count(comparison: BuildingComparison) -> str:
+    """How many defects one of both campaigns shows, and how many are in the comparison besides."""
+    there = comparison.there_count
+    others = len(comparison.tracks) - there
+    text = f"{there} defect{'' if there == 1 else 's'} in {comparison.earlier} or {comparison.later}"
+    return f"{text}, {others} more known from other campaigns" if others else text
+
+
 def describe_place(track: ComparedTrack) -> str:
     """Facade, storey and element."""
     place = track.place
@@ -70,9 +107,15 @@ def describe_offsets(comparison: BuildingComparison) -> str:
         return f"The offset between the frames of both campaigns is not known: {whole.remark}."
     east, north, up = (f"{100 * x:+.1f} ± {100 * s:.1f} cm" for x, s in zip(whole.xyz_m, whole.sigma_m, strict=True))
     return (
-        f"Positions of {comparison.later} are {east} east, {north} north and {up} up of those of {comparison.earlier} "
-        f"(estimated at {whole.count} defects seen in both). Defects are matched without this offset."
+        f"Positions of {comparison.later} are {east} east, {north} north and {up} up of those of {comparison.earlier}, "
+        f"{_describe_counts(comparison, whole.counts)}. Defects are matched without this offset."
     )
+
+
+def _describe_counts(comparison: BuildingComparison, counts: tuple[int, int]) -> str:
+    told = [f"{count} of {name}" for count, name in zip(counts, (comparison.earlier, comparison.later), strict=True)
+            if count]  # fmt: skip
+    return f"estimated at defects known from campaigns before ({', '.join(told)})"
 
 
 def format_offset(offset: RelativeOffset) -> tuple[str | None, str | None, str | None]:

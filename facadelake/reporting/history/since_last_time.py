@@ -13,9 +13,9 @@ from facadelake.building.surface import Surface
 from facadelake.core.errors import InputDataError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.registry import Building
+from facadelake.reporting.history.compared_track import ComparedTrack
 from facadelake.reporting.history.comparison import (
     BuildingComparison,
-    ComparedTrack,
     compare_campaigns,
     order_campaigns,
 )
@@ -29,14 +29,19 @@ from facadelake.reporting.history.draw import (
 from facadelake.reporting.history.findings import Finding
 from facadelake.reporting.history.page import PAGE_NAME
 from facadelake.reporting.history.pairs import Pair, PosedPhotographs, write_pairs
-from facadelake.reporting.history.sentences import describe_evidence, describe_offsets, describe_span
-from facadelake.reporting.history.size_changes import format_changes, format_size
-from facadelake.reporting.history.symbols import render_definitions, render_named_symbol
-from facadelake.reporting.html import Html, html_from_class, html_from_value, link_file, render_paragraph, render_table
-from facadelake.severity import describe_severity
+from facadelake.reporting.history.sentences import (
+    describe_evidence,
+    describe_grade,
+    describe_offsets,
+    describe_sizes,
+    describe_span,
+)
+from facadelake.reporting.history.size_changes import format_changes
+from facadelake.reporting.history.symbols import render_class, render_definitions, render_named_symbol
+from facadelake.reporting.html import Html, html_from_value, link_file, render_paragraph, render_table
 from schemas.vocabulary import OffsetOutcome
 
-_SHOWN = (Finding.REOPENED, Finding.GROWN, Finding.NEW, Finding.FIRST_SEEN, Finding.REPAIRED, Finding.NOT_IMAGED)
+_OMITTED = frozenset({Finding.NOT_FOUND, Finding.MISSED, Finding.SHRUNK})
 _FIRST = "No earlier campaign of the building is in the lake, so there is nothing to compare."
 _LISTED_MAX, _PICTURED_MAX, _CELLS_MAX = 60, 20, 200
 
@@ -114,7 +119,7 @@ def describe_since_last_time(since: SinceLastTime, surface: Surface, origin: Sit
     if comparison is None:
         return [render_paragraph(since.remark)]
     counts = comparison.count_findings()
-    shown = [track for track in comparison.listed if track.finding in _SHOWN]
+    shown = [track for track in comparison.listed if track.finding not in _OMITTED]
     pairs = _draw_pairs(shown[:_PICTURED_MAX], since, surface, origin, folder)
     parts = [
         render_definitions(),
@@ -125,13 +130,18 @@ def describe_since_last_time(since: SinceLastTime, surface: Surface, origin: Sit
         render_paragraph(_link_page(since, comparison)),
     ]
     if not shown:
-        return [*parts, render_paragraph("No defect is new, reopened, grown, repaired, or was not looked at.")]
+        return [
+            *parts,
+            render_paragraph(
+                "Nothing is new, reopened, grown, of another class or severity, repaired, or was not looked at."
+            ),
+        ]
     heads = [
         "track", "", comparison.earlier, comparison.later, "class", "severity", "facade", "storey", "change ± sigma",
         "why",
     ]  # fmt: skip
-    rows = [_render_row(track, pairs.get(track.track_id), comparison, folder) for track in shown[:_LISTED_MAX]]
-    caption = "New, reopened, grown, repaired, not looked at"
+    rows = [_render_row(track, pairs.get(track.track_id), folder) for track in shown[:_LISTED_MAX]]
+    caption = "New, reopened, grown, of another class or severity, repaired, not looked at"
     if len(shown) > _LISTED_MAX:
         caption += f" (the {_LISTED_MAX} most urgent of {len(shown)})"
     if len(shown) > _PICTURED_MAX:
@@ -169,22 +179,20 @@ def _link_page(since: SinceLastTime, comparison: BuildingComparison) -> Html:
     )
 
 
-def _render_row(track: ComparedTrack, pair: Pair | None, comparison: BuildingComparison, folder: Path) -> list[object]:
+def _render_row(track: ComparedTrack, pair: Pair | None, folder: Path) -> list[object]:
     pictures = [None, None] if pair is None else [pair.before, pair.after]
     return [
         Html(f'<span class="one-line">{html_from_value(track.track_id)}</span>'),
         render_named_symbol(track.finding),
         *(
-            _render_sight(path, format_size(defect), folder, f"{track.track_id} in {name}")
-            for path, defect, name in zip(
-                pictures, (track.before, track.after), (comparison.earlier, comparison.later), strict=True
-            )
+            _render_sight(path, size, folder, f"{track.track_id} in {name}")
+            for path, size, name in zip(pictures, describe_sizes(track), track.pair, strict=True)
         ),
-        html_from_class(track.defect_class),
-        describe_severity(track.place),
+        render_class(track),
+        describe_grade(track),
         track.place["facade"],
         track.place["storey"],
-        format_changes(track.changes, track.defect_class, comparison.earlier) or None,
+        format_changes(track.changes, track.defect_class, track.pair) or None,
         describe_evidence(track) or None,
     ]
 

@@ -1,12 +1,15 @@
-"""Changes of a track's size between two campaigns, summed over the campaigns between them, and sizes in words."""
+"""Changes of a track's size between two detections, and sizes in words.
+
+The sizes beside a change are those whose difference it is (``Detections``); the merged defects' may differ.
+"""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from facadelake.tracking import SizeDifference, judge_growth
 from schemas.vocabulary import CrackWidthOutcome, DefectClass, TrendQuantity
 
 Row = Mapping[str, Any]
@@ -20,7 +23,8 @@ _NAMES = {TrendQuantity.LENGTH: "length", TrendQuantity.AREA: "area", TrendQuant
 
 @dataclass(frozen=True, kw_only=True)
 class TrackSizeChange:
-    """Change of one quantity since the campaign ``since``, in the unit of the quantity's column, with one sigma.
+    """Change of one quantity between the detections in the campaigns ``since`` and ``until``, in the unit of the
+    quantity's column, with one sigma.
 
     ``decisive``: it is the quantity whose change was significant.
     """
@@ -29,52 +33,49 @@ class TrackSizeChange:
     value: float
     sigma: float | None
     since: str
+    until: str
     decisive: bool
 
     def __str__(self) -> str:
         return f"{_NAMES[self.quantity]} {_format_change(self)}"
 
 
-def sum_changes(states: Mapping[str, Row], names: Sequence[str], pair: tuple[str, str]) -> tuple[TrackSizeChange, ...]:
-    """Changes from the detection in the earlier campaign, or the last one before it, to that in the later one.
+def list_changes(
+    changes: Mapping[TrendQuantity, SizeDifference], since: str, until: str
+) -> tuple[TrackSizeChange, ...]:
+    """Changes between the detections in two campaigns, the decisive quantity first."""
+    decisive = judge_growth(changes)[1]
+    found = [
+        TrackSizeChange(
+            quantity=quantity,
+            value=change.change,
+            sigma=change.sigma,
+            since=since,
+            until=until,
+            decisive=quantity is decisive,
+        )
+        for quantity, change in changes.items()
+    ]
+    return tuple(sorted(found, key=lambda change: not change.decisive))
 
-    Each row of ``track_states`` has the change since the detection before. Over several campaigns they are summed, and
-    so are the variances; the sum is too large then, because the detections between have their errors in two changes.
 
-    Args:
-        states: rows of ``track_states`` of the track by campaign.
-        names: the building's campaigns in order.
-        pair: the earlier and the later campaign.
-
-    Returns:
-        The decisive quantity first; empty where the later campaign has no detection with a change.
-    """
-    first = names.index(pair[0])
-    steps: list[Row] = []
-    row = states.get(pair[1])
-    while row is not None and row["previous_campaign"] is not None:
-        steps.append(row)
-        if names.index(row["previous_campaign"]) <= first:
-            break
-        row = states.get(row["previous_campaign"])
-    if not steps:
+def read_changes(state: Row) -> tuple[TrackSizeChange, ...]:
+    """Changes since the detection before, from a row of ``track_states``; the decisive quantity first."""
+    if state["previous_campaign"] is None:
         return ()
-    decisive = {step["changed_quantity"] for step in steps}
-    changes = []
-    for quantity, (value, sigma) in _COLUMNS.items():
-        values = [step[value] for step in steps]
-        sigmas = [step[sigma] for step in steps]
-        if None not in values:
-            changes.append(
-                TrackSizeChange(
-                    quantity=quantity,
-                    value=math.fsum(values),
-                    sigma=None if None in sigmas else math.hypot(*sigmas),
-                    since=steps[-1]["previous_campaign"],
-                    decisive=str(quantity) in decisive,
-                )
-            )
-    return tuple(sorted(changes, key=lambda change: not change.decisive))
+    found = [
+        TrackSizeChange(
+            quantity=quantity,
+            value=state[value],
+            sigma=state[sigma],
+            since=state["previous_campaign"],
+            until=state["campaign_id"],
+            decisive=state["changed_quantity"] == quantity,
+        )
+        for quantity, (value, sigma) in _COLUMNS.items()
+        if state[value] is not None
+    ]
+    return tuple(sorted(found, key=lambda change: not change.decisive))
 
 
 def select_main_changes(changes: Sequence[TrackSizeChange], defect_class: str) -> list[TrackSizeChange]:
@@ -85,11 +86,15 @@ def select_main_changes(changes: Sequence[TrackSizeChange], defect_class: str) -
     return [change for change in changes if change.decisive or change.quantity in usual]
 
 
-def format_changes(changes: Sequence[TrackSizeChange], defect_class: str, earlier: str) -> str:
-    """The main changes in words; a detection before the campaign ``earlier`` is named."""
+def format_changes(changes: Sequence[TrackSizeChange], defect_class: str, pair: tuple[str, str]) -> str:
+    """The main changes in words; detections in other campaigns than those of ``pair`` are named."""
     main = select_main_changes(changes, defect_class)
     text = ", ".join(str(change) for change in main)
-    return f"{text} (since {main[0].since})" if main and main[0].since != earlier else text
+    if not main:
+        return text
+    since, until = main[0].since, main[0].until
+    told = ([f"since {since}"] if since != pair[0] else []) + ([f"until {until}"] if until != pair[1] else [])
+    return f"{text} ({' '.join(told)})" if told else text
 
 
 def _format_change(change: TrackSizeChange) -> str:
@@ -108,11 +113,15 @@ def _format_change(change: TrackSizeChange) -> str:
 
 
 def format_size(defect: Row | None) -> str:
-    """Size of a row of ``defects`` in a few words; empty for none."""
+    """The sizes of a defect whose changes are told of its class, in a few words; empty for none.
+
+    Args:
+        defect: a defect of ``Detections``.
+    """
     if defect is None:
         return ""
     if defect["defect_class"] != DefectClass.CRACK:
-        return f"{100 * defect['width_m']:.0f} × {100 * defect['height_m']:.0f} cm"
+        return f"{1e4 * defect['area_m2']:.0f} cm²"
     length = defect["length_m"]  # whose change is told, not crack_length_m
     text = f"{100 * length:.0f} cm" if length is not None else ""
     if defect["crack_width_mm"] is not None:

@@ -5,22 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from facadelake.reporting.history.comparison import TimelineEntry
+from facadelake.reporting.history.compared_track import ComparedTrack, TimelineEntry
 from facadelake.reporting.history.findings import STYLES, Finding
 from facadelake.reporting.history.size_changes import format_size
-from facadelake.reporting.html import Html, html_from_value
+from facadelake.reporting.html import Html, html_from_class, html_from_value
 
 SYMBOL_STYLE = (
     ".open { fill: none; stroke-width: var(--rim, 3); } .line { fill: none; stroke-width: var(--rim, 3.4); }"
     " .halo { --rim: 7; fill: #fff; stroke: #fff; stroke-width: 4; stroke-linejoin: round; }"
     " svg.symbol { width: 1.25em; height: 1.25em; vertical-align: -0.25em; overflow: visible; }"
-    " .one-line { white-space: nowrap; }"
+    # A symbol takes the colour of the nearest finding: a timeline has those of several states within one track.
+    " .ink { fill: var(--mark); stroke: var(--mark); } .one-line { white-space: nowrap; }"
     " svg.symbol .halo { opacity: 0.9; }"
-    + "".join(
-        f" .f-{finding.name.lower()} {{ --ink: {style.colour}; }}"
-        f" .f-{finding.name.lower()} .ink {{ fill: {style.colour}; stroke: {style.colour}; }}"
-        for finding, style in STYLES.items()
-    )
+    + "".join(f" .f-{finding.name.lower()} {{ --mark: {style.colour}; }}" for finding, style in STYLES.items())
 )
 
 
@@ -45,6 +42,14 @@ def render_symbol(finding: Finding) -> Html:
 def render_named_symbol(finding: Finding) -> Html:
     """The symbol and the name of a finding."""
     return Html(f'<span class="one-line">{render_symbol(finding).text} {html_from_value(finding)}</span>')
+
+
+def render_class(track: ComparedTrack) -> Html:
+    """The class of a defect with its colour, and the one before where it was another."""
+    names = [track.defect_class]
+    if track.before is not None and track.before["defect_class"] != track.defect_class:
+        names.insert(0, track.before["defect_class"])
+    return Html(" → ".join(f'<span class="one-line">{html_from_class(name).text}</span>' for name in names))
 
 
 def render_timeline(entries: Sequence[TimelineEntry], pair: Sequence[str]) -> Html:

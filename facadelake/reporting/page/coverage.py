@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from facadelake.building.surface import Surface
 from facadelake.coverage import (
     ALL_STOREYS,
     OBSTACLES,
     CoverageTotal,
-    UnimagedArea,
+    ReflightList,
     describe_contradictions,
-    find_unimaged_areas,
+    list_reflights,
     summarise_coverage,
 )
 from facadelake.reporting.elevations.elevation import Elevation
@@ -30,7 +31,10 @@ def describe_coverage(inspection: Inspection, elevations: Sequence[Elevation], f
     """Totals by facade and storey, the coverage layers of the elevations, and the areas that are not imaged."""
     if not len(inspection.coverage):
         return [render_paragraph("Coverage was not measured, or the building has no facades.")]
-    totals, areas = summarise_coverage(inspection.coverage), find_unimaged_areas(inspection.coverage)
+    totals = summarise_coverage(inspection.coverage)
+    is_model = inspection.building.has_surface and inspection.building.surface_kind is not SurfaceKind.AS_BUILT
+    surface = Surface(inspection.building) if is_model else None
+    reflights = list_reflights(inspection.coverage, surface)
     parts = [render_paragraph(_summarise(totals, inspection)), _list_totals(totals)]
     parts += [
         render_figure(
@@ -44,7 +48,7 @@ def describe_coverage(inspection: Inspection, elevations: Sequence[Elevation], f
     contradictions = describe_contradictions(inspection.coverage, inspection.defects)
     if contradictions:
         parts.append(render_paragraph(contradictions))
-    return [*parts, _list_areas(areas)]
+    return [*parts, *_list_areas(reflights)]
 
 
 def _summarise(totals: Sequence[CoverageTotal], inspection: Inspection) -> str:
@@ -94,9 +98,10 @@ def _format(value: float | None, digits: int) -> str:
     return "unknown" if value is None else f"{value:.{digits}f}"
 
 
-def _list_areas(areas: Sequence[UnimagedArea]) -> Html:
+def _list_areas(reflights: ReflightList) -> list[Html]:
+    areas, told = reflights.areas, reflights.describe()
     if not areas:
-        return render_paragraph("Every part of the facades is imaged.")
+        return [render_paragraph(f"Nothing is worth flying again. {told}")]
     rows = [
         [
             area.facade,
@@ -112,4 +117,5 @@ def _list_areas(areas: Sequence[UnimagedArea]) -> Html:
     caption = "Not imaged, to be flown again"
     if rest:
         caption += f" (the {len(rest)} smallest, {sum(area.area_m2 for area in rest):.1f} m², are not listed)"
-    return render_table(["facade", "storey", "u, m", "v, m", "m²", "why"], rows, caption=caption, numeric=[2, 3, 4])
+    heads = ["facade", "storey", "u, m", "v, m", "m²", "why"]
+    return [render_table(heads, rows, caption=caption, numeric=[2, 3, 4]), render_paragraph(told)]

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from facadelake.core.arrays import BoolArray, Float64x3, UInt8Image
 from facadelake.core.camera import PosedCamera
 from facadelake.registration import compute_tangents
+from facadelake.tracking.second_look.alignment import Detail, align_patch, move_patch, shift_patch
 from facadelake.tracking.second_look.fading import Fading, fit_gain, measure_fading
 
 _FINE_CELLS, _COARSE_CELLS = 1.0, 8.0
@@ -30,7 +31,6 @@ ALIKE_MIN = 0.85  # correlation at the defect from which it looks the same
 _PARTS, _PART_SHARE_MIN = 4, 0.5  # of the surroundings, along each side
 _DARKEST = 8.0  # added to grey values before the logarithm: noise of the dark is not contrast
 _INSIDE_MIN = 0.9  # share of a patch that a photograph must show
-Detail = NDArray[np.float32]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,8 +134,8 @@ def compare_views(seen: Sequence[Detail], other: Sequence[Detail], grid: PatchGr
     reach = tolerance_m / grid.cell_m
     details = [extract_detail(view) for view in seen], [extract_detail(view) for view in other]
     # The reference is the view that agrees best with the other campaign: another may show something before the wall.
-    reference = max(details[0], key=lambda view: max(_find_translation(view, one, reach)[0] for one in details[1]))
-    warps = [[_find_warp(reference, view, reach) for view in one] for one in details]
+    reference = max(details[0], key=lambda view: max(shift_patch(view, one, reach).correlation for one in details[1]))
+    warps = [[align_patch(reference, view, reach).warp for view in one] for one in details]
     whole = _compare(reference, (seen, other), details, warps, grid)
     if whole.at_defect >= ALIKE_MIN:
         return whole
@@ -186,33 +186,14 @@ def _average_views(
 ) -> _Average:
     """The median of the views moved onto the reference, without those that show something else than the best does."""
     cells = grid.defect | grid.around
-    aligned = [_move(view, warp) for view, warp in zip(details, warps, strict=True)]
+    aligned = [move_patch(view, warp) for view, warp in zip(details, warps, strict=True)]
     likeness = [float(np.nan_to_num(_correlate(reference[cells], view[cells]), nan=-1.0)) for view in aligned]
     kept = [k for k, like in enumerate(likeness) if like >= 0.5 * max(likeness) or like == max(likeness)]
-    logs = [_move(_blur(np.log(patches[k] + np.float32(_DARKEST)), 0.7), warps[k]) for k in kept]
+    logs = [move_patch(_blur(np.log(patches[k] + np.float32(_DARKEST)), 0.7), warps[k]) for k in kept]
     return _Average(
         detail=np.median(np.stack([aligned[k] for k in kept]), axis=0).astype(np.float32),
         logs=np.median(np.stack([one - np.median(one[grid.around]) for one in logs]), axis=0).astype(np.float32),
     )
-
-
-def _find_warp(reference: Detail, view: Detail, reach: float) -> Detail:
-    """The affine move (2, 3) of ``view`` onto ``reference``, begun with a translation within ``reach`` cells."""
-    height, width = reference.shape
-    _, column, row = _find_translation(reference, view, reach)
-    warp = np.array([[1, 0, column], [0, 1, row]], dtype=np.float32)
-    start = warp.copy()
-    try:
-        criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
-        everywhere = np.full(reference.shape, 255, dtype=np.uint8)
-        _, found = cv2.findTransformECC(reference, view, warp, cv2.MOTION_AFFINE, criteria, everywhere, 3)
-        warp = np.asarray(found, dtype=np.float32)
-    except cv2.error:  # no convergence: the translation stands
-        warp = start
-    corners = np.array([[0, 0, 1], [width, 0, 1], [0, height, 1], [width, height, 1]]).T
-    if np.abs(warp @ corners - start @ corners).max() > 3 + 0.05 * max(height, width):
-        warp = start
-    return warp
 
 
 def _refine_at_defect(reference: Detail, view: Detail, warp: Detail, grid: PatchGrid) -> Detail:
@@ -221,29 +202,12 @@ def _refine_at_defect(reference: Detail, view: Detail, warp: Detail, grid: Patch
     wide = _REFINED_WITHIN
     part = np.s_[rows[0] - wide : rows[-1] + wide + 1, columns[0] - wide : columns[-1] + wide + 1]
     inside = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    scores = cv2.matchTemplate(_move(view, warp)[part], reference[inside], cv2.TM_CCOEFF_NORMED)
+    scores = cv2.matchTemplate(move_patch(view, warp)[part], reference[inside], cv2.TM_CCOEFF_NORMED)
     row, column = np.unravel_index(int(np.argmax(scores)), scores.shape)
     shift = np.array([int(column) - wide, int(row) - wide], dtype=np.float32)
     refined = warp.copy()
     refined[:, 2] += warp[:, :2] @ shift
     return refined
-
-
-def _move(view: Detail, warp: Detail) -> Detail:
-    """A view moved onto the reference."""
-    height, width = view.shape
-    flags = cv2.INTER_LINEAR + cv2.WARP_INVERSE_MAP
-    moved = cv2.warpAffine(view, warp, (width, height), flags=flags, borderMode=cv2.BORDER_REFLECT)
-    return np.asarray(moved, dtype=np.float32)
-
-
-def _find_translation(reference: Detail, view: Detail, reach: float) -> tuple[float, int, int]:
-    """Correlation of ``view`` moved onto ``reference`` within ``reach`` cells, and the move in columns and rows."""
-    height, width = reference.shape
-    cells = max(1, min(round(reach), (height - 9) // 2, (width - 9) // 2))
-    scores = cv2.matchTemplate(view, reference[cells : height - cells, cells : width - cells], cv2.TM_CCOEFF_NORMED)
-    row, column = np.unravel_index(int(np.argmax(scores)), scores.shape)
-    return float(scores[row, column]), int(column) - cells, int(row) - cells
 
 
 def _correlate_around(first: Detail, second: Detail, grid: PatchGrid) -> float:

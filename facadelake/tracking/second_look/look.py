@@ -17,10 +17,10 @@ from facadelake.core.camera import PosedCamera
 from facadelake.core.progress import report_progress
 from facadelake.detection.inference import read_photograph
 from facadelake.registration import compute_tangents
+from facadelake.tracking.second_look.alignment import Detail
 from facadelake.tracking.second_look.comparison import (
     SURROUND_MIN_M,
     Comparison,
-    Detail,
     PatchGrid,
     Place,
     compare_views,

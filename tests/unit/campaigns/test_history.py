@@ -20,7 +20,8 @@ from facadelake.campaigns import BuildingHistory, collect_campaign_views, count_
 from facadelake.core.errors import InputDataError
 from facadelake.core.geodesy import SiteOrigin
 from facadelake.core.tables import list_rows, table_from_rows
-from facadelake.lake import TrackedHistory, append_reviews, commit_campaign, read_table
+from facadelake.lake import TrackedHistory, answer_question, append_reviews, commit_campaign, read_table
+from facadelake.reporting.history.comparison import compare_campaigns
 from facadelake.reviews import review_track
 from facadelake.severity import find_rule_file
 from facadelake.tracking import build_history_tables, link_history, list_look_requests, look_at_places
@@ -93,7 +94,7 @@ def commit_tables(lake: Path, campaign_id: str, run_id: str, tables: dict[str, p
         run_id=run_id,
         tables=tables,
         inputs_sha256=tables["runs"].column("inputs_sha256")[0].as_py(),
-        history=TrackedHistory(tables=made, run_ids=history.run_ids, known_tracks=known),
+        history=TrackedHistory(tables=made, run_ids=history.run_ids, known_tracks=known, code_sha256="c" * 64),
     )
     return made
 
@@ -233,7 +234,8 @@ def test_a_frame_that_jumped_is_refused_by_name_and_the_others_go_on(
     monkeypatch.setattr("tasks.track.read_building", lambda folder: MODEL)
     monkeypatch.setattr("tasks.track._look", lambda *_: {})
     monkeypatch.setattr("tasks.track.run_stage", lambda *_, make, **__: make_stage(make, tmp_path / "stage"))
-    job: Any = SimpleNamespace(building=SimpleNamespace(id=BUILDING, severity_rules="extent_v1"))
+    building = SimpleNamespace(id=BUILDING, severity_rules="extent_v1")
+    job: Any = SimpleNamespace(building=building, code_sha256="c" * 64)
     history = read_history(tmp_path, BUILDING, MODEL, None)
     tracked = track_campaigns(job, make_stage(lambda _: {}, tmp_path / "model"), history)
     assert tracked.warnings == (
@@ -313,3 +315,41 @@ def test_photographs_that_come_back_are_counted(tmp_path: Path) -> None:
         (here.root / photo_id).parent.mkdir(parents=True, exist_ok=True)
         (here.root / photo_id).touch()
     assert count_photographs(here) == len(record.posed) > 0
+
+
+def test_a_comparison_of_two_successive_campaigns_is_that_of_their_states(tmp_path: Path) -> None:
+    """One function tells changes and what is significant, of states and of comparisons."""
+    campaigns = {"2026-04": (SPRING, 0.08), "2026-10": (AUTUMN, 0.16), "2027-04": (NEXT, 0.082)}
+    for name, (start, area_m2) in campaigns.items():
+        tables = build_tables(name, start, "r1", sightings=9)
+        owners = tables["observations"].column("defect_id").to_pylist()
+        grown = tables["defects"].column("defect_id").to_pylist()[1]  # a spall
+        areas = [area_m2 if owner == grown else 0.08 for owner in owners]
+        tables["observations"] = set_column(tables["observations"], "area_m2", areas)
+        made = commit_tables(tmp_path, name, "r1", tables)
+    read = {name: read_table(tmp_path, name) for name in ("campaigns", "defects", "observations")}
+    states = {(row["track_id"], row["campaign_id"]): row for row in list_rows(made["track_states"])}
+    for pair, word in ((("2026-04", "2026-10"), "grown"), (("2026-10", "2027-04"), "shrunk")):
+        tracks = {track.track_id: track for track in compare_campaigns({**made, **read}, *pair).tracks}
+        given = dict(zip(("from_campaign", "to_campaign"), pair, strict=True), building_id=BUILDING)
+        answer = {row["track_id"]: row for row in answer_question(tmp_path, "campaigns_compared", given).to_pylist()}
+        assert {name: row["finding"] for name, row in answer.items()} == {
+            name: str(track.finding) for name, track in tracks.items()
+        }
+        grown_row = next(row for row in answer.values() if row["finding"] == word)
+        difference = grown_row["area_to_m2"] - grown_row["area_from_m2"]
+        assert grown_row["area_change_m2"] == pytest.approx(difference, abs=1e-4)  # sizes beside a change are its own
+        assert len(tracks) == 3
+        assert [str(track.finding) for track in tracks.values()].count(word) == 1
+        for name, track in tracks.items():
+            state = states[name, pair[1]]
+            assert (track.finding in ("grown", "shrunk")) == (state["track_state"] == word)
+            told = {change.quantity: (change.value, change.sigma) for change in track.changes}
+            for quantity, column in (("area_m2", "area_change"), ("length_m", "length_change")):
+                unit = quantity.rpartition("_")[2]
+                if state[f"{column}_{unit}"] is not None:
+                    assert told[quantity] == pytest.approx((state[f"{column}_{unit}"], state[f"{column}_sigma_{unit}"]))
+                else:
+                    assert quantity not in told
+    taken_back = compare_campaigns({**made, **read}, "2026-04", "2027-04").tracks
+    assert {str(track.finding) for track in taken_back} == {"unchanged"}

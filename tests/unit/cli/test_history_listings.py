@@ -22,8 +22,7 @@ def make_history() -> History:
     history.add("wall-0001", {"2025": "first_seen detected", "2026": "seen detected"})
     history.add("wall-0002", {"2025": "first_seen detected", "2026": "not_imaged hidden"}, storey="[red]attic[/red]")
     history.add("wall-0003", {"2025": "first_seen detected", "2026": "grown detected"})
-    history.change("wall-0003", "2026", previous_campaign="2025", length_change_m=0.2, length_change_sigma_m=0.03,
-                   changed_quantity="length_m")  # fmt: skip
+    history.resize("wall-0003", "2026", length_m=0.6)
     return history
 
 
@@ -39,7 +38,7 @@ def test_the_table_lists_what_needs_attention_and_counts_the_rest() -> None:
     assert text.index("wall-0003") < text.index("wall-0002")
     assert "wall-0001" not in text
     assert "[red]attic[/red]" in text  # a name is no markup
-    assert "length +20 ± 3 cm" in text
+    assert "length +20 ± 1 cm" in text
     assert "something before the wall hides its place" in text
     line = next(line for line in text.splitlines() if "detected again" in line)
     assert [cell.strip() for cell in line.strip("\u2502").split("\u2502")][:3] == ["unchanged", "1", "S 1"]

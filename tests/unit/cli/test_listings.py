@@ -9,7 +9,9 @@ import pytest
 from rich.console import Console
 
 from cli.terminal import listings
-from cli.terminal.listings import show_defects
+from cli.terminal.listings import read_exported, show_defects
+from facadelake.core.errors import InputDataError
+from tests.sql.small_history import FIRST, SECOND, commit_history
 from tests.unit.lake.small_campaign import BUILDING, commit
 
 
@@ -36,3 +38,24 @@ def test_a_cracks_width_or_its_bound_is_told(
     head, line = (line for line in console.file.getvalue().splitlines() if "crack" in line)
     column = [cell.strip() for cell in head.strip("\u2503").split("\u2503")].index("crack mm")
     assert line.strip("\u2502").split("\u2502")[column].strip() == told
+
+
+def test_an_export_says_where_the_rows_of_a_table_of_the_history_are(tmp_path: Path) -> None:
+    versions = commit_history(tmp_path)
+    with pytest.raises(InputDataError) as raised:
+        read_exported(tmp_path, "tracks", BUILDING, FIRST, None)
+    assert str(raised.value) == (
+        "table tracks is of the whole history of a building, and is filed with its latest campaign (2026-04); leave "
+        "out --campaign, or export track_states, which has what campaign 'z-2025' says of each track"
+    )
+    assert len(read_exported(tmp_path, "tracks", BUILDING, None, None)) == 8
+    assert len(read_exported(tmp_path, "track_states", BUILDING, FIRST, None)) == 4
+    with pytest.raises(InputDataError) as raised:
+        read_exported(tmp_path, "looks", BUILDING, FIRST, None)
+    assert str(raised.value) == (
+        f"the lake {tmp_path} has no rows of 'looks' for building 'tower', campaign 'z-2025'; it has some of {SECOND}"
+    )
+    with pytest.raises(
+        InputDataError, match=r"no rows of 'tracks' for building 'tower'.*'facadelake track tower' makes"
+    ):
+        read_exported(tmp_path, "tracks", BUILDING, None, versions[SECOND])

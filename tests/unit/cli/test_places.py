@@ -1,26 +1,24 @@
 """A place that takes no file is told in a line, before any work."""
 
-import sys
-from pathlib import Path
+import errno
 
 import pytest
 
 from cli.main import main
 
 
-def test_a_folder_that_cannot_be_made_is_told_without_a_traceback(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_a_disk_that_refuses_is_told_without_a_traceback(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    taken = tmp_path / "taken"
-    taken.write_text("a file")
-    data = tmp_path / "labels"
-    data.mkdir()
-    monkeypatch.setattr(sys, "argv", ["facadelake", "evaluate-detector", "--data", str(data), "--plots", str(taken)])
+    def fail() -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", "/lake/cache/photos.parquet")
+
+    monkeypatch.setattr("cli.main.app", fail)
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 1
-    told = capsys.readouterr().err
-    assert "File exists" in told and str(taken) in told.replace("\n", "")
+    told = capsys.readouterr().err.replace("\n", "")
+    assert "No space left on device: /lake/cache/photos.parquet" in told and "free space" in told
     assert "Traceback" not in told
 
 

@@ -120,7 +120,7 @@ def test_a_review_is_appended_once_and_changes_nothing_else(copied: Path) -> Non
             "track tower-0008 is withdrawn: no campaign in the lake has the defect any more, so that its state cannot "
             "be reviewed; 'facadelake tracks' lists the others",
         ),
-        ("4", THIRD, "seen", "A", "give the whole id, such as castle-0042"),
+        ("4", THIRD, "seen", "A", "has no track '4' (did you mean 'tower-0004'?); it has tower-0001, "),
     ],
 )  # fmt: skip
 def test_a_review_of_something_unknown_is_refused(

@@ -1,4 +1,4 @@
-"""Totals and rectangles of a made table ``coverage``."""
+"""Totals of a made table ``coverage``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pyarrow as pa
 import pytest
 
 from facadelake.core.tables import table_from_rows
-from facadelake.coverage import find_nearest_cells, find_unimaged_areas, summarise_coverage
+from facadelake.coverage import find_nearest_cells, summarise_coverage
 
 
 def cell(column: int, row: int, **others: Any) -> dict[str, Any]:
@@ -57,33 +57,6 @@ def test_a_width_that_is_unknown_anywhere_is_unknown() -> None:
     assert facade.found_patch_mm == 50.0
 
 
-def test_a_rectangle_is_one_area() -> None:
-    cells = [cell(c, r, coverage_outcome="not_in_view") for c in range(4, 10) for r in range(-2, 3)]
-    (area,) = find_unimaged_areas(make_table([*cells, cell(0, 0)]))
-    assert (area.u_min_m, area.u_max_m, area.v_min_m, area.v_max_m) == (1.0, 2.5, -0.5, 0.75)
-    assert area.area_m2 == pytest.approx(30 * 0.0625)  # m2
-    assert (area.outcome, area.storeys) == ("not_in_view", ("Ground floor",))
-
-
-def test_an_l_is_two_rectangles_that_contain_each_cell_once() -> None:
-    upright = {(c, r) for c in range(2) for r in range(16)}
-    foot = {(c, r) for c in range(2, 16) for r in range(2)}
-    areas = find_unimaged_areas(make_table(cell(c, r, coverage_outcome="obstructed") for c, r in upright | foot))
-    boxes = sorted((a.u_min_m, a.u_max_m, a.v_min_m, a.v_max_m) for a in areas)
-    assert boxes == [(0.0, 0.5, 0.0, 4.0), (0.5, 4.0, 0.0, 0.5)]
-    assert sum(area.area_m2 for area in areas) == pytest.approx(60 * 0.0625)  # m2
-
-
-def test_facades_and_distant_areas_are_apart() -> None:
-    cells = [cell(0, 0, coverage_outcome="grazing"), cell(9, 0, coverage_outcome="grazing")]
-    cells += [cell(0, 0, coverage_outcome="not_in_view", facade="N", facade_azimuth_deg=0.0)]
-    assert len(find_unimaged_areas(make_table(cells))) == 3
-
-
-def test_full_coverage_leaves_nothing_to_fly() -> None:
-    assert find_unimaged_areas(make_table([cell(0, 0)])) == []
-
-
 def test_a_place_has_the_cell_it_is_in() -> None:
     table = make_table(cell(c, 0) for c in range(8))
     rows = find_nearest_cells(table, np.array([[0.3, 0.02, 0.1], [1.9, 0.0, 0.2], [1.0, 5.0, 0.1]]))
@@ -100,4 +73,3 @@ def test_a_sliver_of_a_facade_is_no_total() -> None:
 
 def test_no_cells_are_no_totals() -> None:
     assert summarise_coverage(make_table([])) == []
-    assert find_unimaged_areas(make_table([])) == []

@@ -11,7 +11,7 @@ from facadelake.core.geodesy import SiteOrigin
 from facadelake.georeferencing.campaign.reference import (
     ReferencePoints,
     drop_reference,
-    list_earlier_references,
+    list_references,
     read_reference,
     store_reference,
 )
@@ -189,8 +189,9 @@ def test_a_campaign_committed_again_without_a_reference_loses_the_old_one(tmp_pa
     for campaign in ("2025-04", "2026-04"):
         written.write_bytes(campaign.encode())
         store_reference(written, tmp_path, "town-hall", campaign)
-    assert [path.stem for path in list_earlier_references(tmp_path, "town-hall", "2026-10")] == ["2025-04", "2026-04"]
+    both = ["2026-04", "2027-04", "2025-04"]
+    assert [path.stem for path in list_references(tmp_path, "town-hall", both)] == ["2026-04", "2025-04"]
     drop_reference(tmp_path, "town-hall", "2026-04")
     drop_reference(tmp_path, "town-hall", "2026-04")  # no file: no error
-    left = list_earlier_references(tmp_path, "town-hall", "2026-10")
+    left = list_references(tmp_path, "town-hall", both)
     assert [(path.stem, path.read_bytes()) for path in left] == [("2025-04", b"2025-04")]

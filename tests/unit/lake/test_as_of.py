@@ -15,7 +15,7 @@ from cli.main import app
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.lake.as_of import resolve_version
 from facadelake.lake.connect import CATALOG
-from facadelake.lake.read import list_versions, read_table
+from facadelake.lake.read import list_versions, read_table, read_tables
 from tests.unit.lake.small_campaign import BUILDING, commit
 
 DAY = datetime(2026, 5, 4, tzinfo=UTC)
@@ -140,3 +140,12 @@ def test_commands_take_a_time(lake: tuple[Path, int, int]) -> None:
     told = run.invoke(app, ["defects", BUILDING, "2026-10", "--as-of", "2026-05-04", *where])
     assert isinstance(told.exception, InputDataError)
     assert f"has at version {first} no campaign '2026-10' of building 'tower'" in str(told.exception)
+
+
+def test_columns_of_a_table_that_are_not_needed_are_left_out(tmp_path: Path) -> None:
+    commit(tmp_path, defects=2)
+    found = read_tables(tmp_path, ["defects", "observations"], columns={"observations": ("defect_id", "area_m2")})
+    assert set(found["observations"].column_names) == {"defect_id", "area_m2"}
+    whole = read_tables(tmp_path, ["defects", "observations"])
+    assert found["defects"].equals(whole["defects"])
+    assert found["observations"]["area_m2"].equals(whole["observations"]["area_m2"])

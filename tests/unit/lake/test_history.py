@@ -7,21 +7,23 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
+from facadelake.campaigns import regrading
 from facadelake.core.errors import HistoryOutdatedError, SchemaError
 from facadelake.lake.commit import commit_campaign
 from facadelake.lake.history import TrackedHistory, commit_history
+from facadelake.lake.questions import answer_question
 from facadelake.lake.read import read_table
 from facadelake.lake.regrading import regrade
 from facadelake.severity import find_rule_file
 from tests.unit.lake.small_campaign import BUILDING, CAMPAIGN, INPUTS, commit, history_tables, lake_tables
 
+CODE = "e" * 64
 IDS = {f"{BUILDING}-{number:04d}" for number in (1, 2, 3)}
 
 
 def track(known: frozenset[str] = frozenset(), run_id: str = "run-1", **changed: pa.Table) -> TrackedHistory:
-    return TrackedHistory(
-        tables={**history_tables(run_id=run_id), **changed}, run_ids={CAMPAIGN: run_id}, known_tracks=known
-    )
+    tables = {**history_tables(run_id=run_id), **changed}
+    return TrackedHistory(tables=tables, run_ids={CAMPAIGN: run_id}, known_tracks=known, code_sha256=CODE)
 
 
 def commit_with(lake: Path, history: TrackedHistory, run_id: str = "run-1", note: str = "a") -> int:
@@ -60,13 +62,39 @@ def test_a_history_of_other_campaigns_or_tracks_is_refused_and_nothing_is_writte
 
 def test_a_history_by_itself_is_a_version_and_keeps_other_buildings(tmp_path: Path) -> None:
     mill = {"building_id": "mill", "campaign_id": CAMPAIGN, "run_id": "run-1"}
-    other = TrackedHistory(tables=history_tables(**mill), run_ids={CAMPAIGN: "run-1"}, known_tracks=frozenset())
+    other = TrackedHistory(
+        tables=history_tables(**mill), run_ids={CAMPAIGN: "run-1"}, known_tracks=frozenset(), code_sha256=CODE
+    )
     commit_campaign(tmp_path, tables=lake_tables(**mill), inputs_sha256=INPUTS, history=other, **mill)
     commit(tmp_path)
     version = commit_history(tmp_path, track(), building_id=BUILDING)
     others = {"mill-0001", "mill-0002", "mill-0003"}
     assert version is not None and read_ids(tmp_path) == IDS | others and read_ids(tmp_path, version - 1) == others
     assert commit_history(tmp_path, track(frozenset(IDS)), building_id=BUILDING) is None  # nothing has changed
+
+
+def test_a_version_says_what_it_has_brought_and_by_which_code(tmp_path: Path) -> None:
+    commit(tmp_path)
+    by_itself = commit_history(tmp_path, track(), building_id=BUILDING)
+    newest, campaign = answer_question(tmp_path, "versions").to_pylist()
+    assert (newest["version"], newest["campaign_id"], newest["run_id"]) == (by_itself, None, None)
+    assert (newest["content"], newest["code_sha256"]) == ("history of tower", CODE)
+    assert (campaign["content"], campaign["code_sha256"]) == (f"campaign {CAMPAIGN} of tower", "c" * 64)
+    (known,) = answer_question(tmp_path, "provenance").to_pylist()
+    assert (known["version"], known["code_sha256"]) == (campaign["version"], "c" * 64)
+    assert (known["history_version"], known["history_content"], known["history_code_sha256"]) == (
+        by_itself, "history of tower", CODE,
+    )  # fmt: skip
+
+
+def test_grades_are_published_by_campaign_after_a_history_by_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    commit(tmp_path)
+    commit_history(tmp_path, track(), building_id=BUILDING)
+    monkeypatch.setattr(regrading, "publish_regraded", lambda _, **given: given)
+    done, releases = regrading.regrade_campaigns(tmp_path, BUILDING, None, "nyc_fisp_v1")
+    assert releases == [{"building_id": BUILDING, "campaign_id": CAMPAIGN, "version": done.version}]
 
 
 def test_an_unchanged_campaign_is_kept_and_its_changed_history_written(tmp_path: Path) -> None:

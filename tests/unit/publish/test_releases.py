@@ -160,6 +160,7 @@ def test_geopackage_layers_as_gdal_sees_them(release: Path) -> None:
     path = release / "defects.gpkg"
     assert [str(name) for name, _ in pyogrio.list_layers(path)] == [
         "defects", "defects_3d", "defects_patches", "defects_patches_3d", "facade_S", "coverage_3d", "coverage_S",
+        "layer_styles",
     ]  # fmt: skip
     for layer, code, kind in (("defects", 4326, "Point"), ("defects_3d", 4979, "Point Z")):
         info = pyogrio.read_info(path, layer=layer)

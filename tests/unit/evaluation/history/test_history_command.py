@@ -10,7 +10,8 @@ import pyarrow as pa
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.synthetic_history import HistoryRecipe, SyntheticHistory, build_tables, draw_history, draw_looks
+from benchmarks.synthetic_history import HistoryRecipe, SyntheticHistory, draw_history
+from benchmarks.synthetic_tracking import build_tables, draw_looks
 from cli.main import app
 from facadelake.core.errors import InputDataError, StoreError
 from facadelake.core.tables import table_from_rows

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.synthetic_history import HistoryRecipe, LookRates, draw_history, track_synthetic
+from benchmarks.synthetic_history import HistoryRecipe, LookRates, draw_history
+from benchmarks.synthetic_tracking import track_synthetic
 from facadelake.evaluation.history import compute_history_figures
 
 PERFECT = LookRates(there_same=1.0, there_gone=0.0, changed_same=1.0, changed_gone=0.0, gone_gone=1.0, gone_same=0.0)

@@ -20,6 +20,7 @@ def make_tables(painted: PaintedWall, origins: dict[str, SiteOrigin]) -> dict[st
     """Two campaigns with the same photographs; ``origins``: those of their site frames."""
     history = History(("2025", "2026"))
     history.add("wall-0001", {"2025": "first_seen detected", "2026": "grown detected"}, (4.0, 2.0))
+    history.resize("wall-0001", "2026", length_m=0.8)
     for row in history.rows["campaigns"]:
         row["photographs_uri"] = str(painted.root)
     buildings: list[dict[str, Any]] = []

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from facadelake.core.errors import InputDataError
-from facadelake.reporting.history import explanation
 from facadelake.reporting.history.explanation import explain_rows, explain_track
 from facadelake.reporting.history.findings import Finding
+from tests.sql.small_history import commit_history
 from tests.unit.reporting.history.painted_history import History
 
 KEY = {"building_id": "wall", "campaign_id": "2026", "run_id": "2026", "track_id": "wall-0001"}
@@ -55,9 +55,46 @@ def test_each_campaign_tells_what_it_rests_on() -> None:
     assert "62 % of the defect's diagonal, 9.1 times what differs around the defect" in told["2025"]
     assert "contrast left within the extents: 8 %" in told["2025"]
     assert "cells of 2.5 mm" in told["2025"]
-    assert "+2.0 ± 0.2 cm east" in told["2026"]
-    assert "change since 2024 in 2.5 years, with one standard error: length +10 ± 4 cm" in told["2026"]
+    # 2 cm of 2026 from the first campaign, less 1 cm of 2025: as a comparison of both tells it.
+    assert "offset from those of 2025, the campaign before, by +1.0 ± 0.3 cm east" in told["2026"]
+    assert "offset from those of 2024, the campaign before, by +1.0 ± 0.2 cm east" in told["2025"]
+    assert "change since 2024 (40 cm) in 2.5 years, with one standard error: length +10 ± 4 cm" in told["2026"]
     assert "review of 2026-11-02 by Ms Wall: reopened: seen on site" in told["2026"]
+
+
+def test_a_campaign_whose_frame_was_refused_is_none_to_compare_with() -> None:
+    history = make_history()
+    history.rows["frame_offsets"][1] |= {"offset_outcome": "refused", "detail": "its frame lies 0.52 m beside"}
+    told = explain(history)
+    assert "not tracked: its frame lies 0.52 m beside" in told["2025"]
+    assert "candidates are compared without it" not in told["2025"]
+    assert "offset from those of 2024, the campaign before, by +2.0 ± 0.2 cm east" in told["2026"]
+
+
+def test_sizes_in_an_explanation_are_those_whose_difference_is_told() -> None:
+    history = make_history()
+    history.resize("wall-0001", "2024", merged=False, length_m=0.45)
+    history.resize("wall-0001", "2026", merged=False, length_m=0.55)  # both merged defects are 40 cm long
+    told = explain(history)
+    assert "it is defect wall-0001-in-2024: crack, 45 cm" in told["2024"]
+    assert "it is defect wall-0001-in-2026: crack, 55 cm" in told["2026"]
+    assert "change since 2024 (45 cm) in 2.5 years, with one standard error: length +10 ± 4 cm" in told["2026"]
+
+
+def test_a_change_of_class_is_no_unchanged_defect_and_a_spall_is_told_by_its_area() -> None:
+    history = History()
+    history.add("wall-0001", {"2024": "first_seen detected", "2025": "seen detected", "2026": "seen detected"})
+    for campaign, area_m2 in (("2025", 0.08), ("2026", 0.09)):
+        history.resize("wall-0001", campaign, defect_class="spalling", area_m2=area_m2)
+        history.change("wall-0001", campaign, defect_class="spalling")
+    history.change("wall-0001", "2025", previous_campaign="2024")
+    history.change("wall-0001", "2026", previous_campaign="2025", length_change_m=0.01, length_change_sigma_m=0.03,
+                   area_change_m2=0.01, area_change_sigma_m2=0.004)  # fmt: skip
+    told = explain(history)
+    assert "detected again, as spalling and no longer as crack; their sizes are not compared" in told["2025"]
+    assert "no change beyond the errors" not in told["2025"]
+    assert "change since 2025 (800 cm²), with one standard error: area +100 ± 40 cm²" in told["2026"]
+    assert "length" not in told["2026"]
 
 
 def test_candidates_are_told_in_odds_the_taken_one_first() -> None:
@@ -89,12 +126,11 @@ def test_without_a_lake_the_error_says_what_to_do(tmp_path: Path) -> None:
         explain_track(tmp_path, "wall-0001", as_of=None)
 
 
-def test_an_unknown_track_is_told_with_the_likeliest_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(explanation, "has_lake", lambda lake: True)
-    monkeypatch.setattr(explanation, "read_tables", lambda *_, **__: make_history().tables)
+@pytest.mark.parametrize("given", ["tower-001", "TOWER-0001", "towr-0001", "tower-1"])
+def test_an_unknown_track_is_told_with_the_likeliest_one(given: str, tmp_path: Path) -> None:
+    commit_history(tmp_path)
     with pytest.raises(InputDataError) as raised:
-        explain_track(tmp_path, "wall-001", as_of=None)
-    assert str(raised.value) == (
-        "there is no track 'wall-001' (did you mean 'wall-0001'?); an id is the building and a number, such as "
-        "castle-0042, as 'facadelake compare' lists them"
+        explain_track(tmp_path, given, as_of=None)
+    assert str(raised.value).startswith(
+        f"the lake {tmp_path} has no track '{given}' (did you mean 'tower-0001'?); it has tower-0001, tower-0002, "
     )

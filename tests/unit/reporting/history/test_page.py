@@ -11,7 +11,7 @@ import pytest
 from facadelake.reporting.history.comparison import BuildingComparison, compare_campaigns
 from facadelake.reporting.history.draw import create_request, create_track_marks, find_release
 from facadelake.reporting.history.elevations import draw_elevation_pictures
-from facadelake.reporting.history.findings import Finding
+from facadelake.reporting.history.findings import STYLES, Finding
 from facadelake.reporting.history.page import ComparisonPictures, write_page
 from facadelake.reporting.history.pairs import PosedPhotographs, write_pairs
 from facadelake.reporting.history.since_last_time import SinceLastTime, describe_since_last_time
@@ -29,8 +29,8 @@ def make_history() -> History:
     history.add("wall-0002", {"2025": "first_seen detected", "2026": "grown detected"}, (3.0, 2.0))
     history.add("wall-0003", {"2025": "first_seen detected", "2026": "repaired looks_repaired"}, (5.0, 2.0))
     history.add("wall-0004", {"2026": "new detected"}, (6.0, 3.0), defect_class="moisture")
-    history.change("wall-0002", "2026", previous_campaign="2025", length_change_m=0.4, length_change_sigma_m=0.05,
-                   changed_quantity="length_m", state_remark=NASTY_NAME)  # fmt: skip
+    history.resize("wall-0002", "2026", length_m=0.8)
+    history.change("wall-0002", "2026", state_remark=NASTY_NAME)
     history.look("wall-0003", "2026", "2025", "gone")
     return history
 
@@ -83,14 +83,16 @@ def test_the_page_loads_nothing_from_elsewhere_and_escapes_names(page_path: Path
 def test_counts_and_states_are_those_of_the_tables(page_path: Path) -> None:
     page = read(page_path)
     text = re.sub(r"\s+", " ", page.text)
-    assert "4defects in the comparison" in text
+    assert "4defects in 2025 or 2026" in text
     source = page_path.read_text(encoding="utf-8")
     assert re.findall(r'<article id="track-(wall-\d+)" class="f-(\w+)"', source) == [
         ("wall-0002", "grown"), ("wall-0004", "new"), ("wall-0003", "repaired"),
     ]  # fmt: skip
     assert "1 unchanged defect (or still repaired) are counted, not listed" in text
-    assert "length +40 ± 5 cm" in text
+    assert "length +40 ± 2 cm" in text
     assert "+1.0 ± 0.3 cm east" in text  # 2 cm less 1 cm
+    assert "All offsets here are of 2026 from 2025." in text
+    assert "nine defects agree" not in text  # the sentences of both campaigns are of their offsets from the first one
 
 
 def test_each_mark_on_the_elevation_has_shape_colour_place_and_link(page_path: Path) -> None:
@@ -108,6 +110,21 @@ def test_each_mark_on_the_elevation_has_shape_colour_place_and_link(page_path: P
     assert '<a href="#track-wall-0002">' in svg
     assert "wall-0001: unchanged" in svg  # as a title; it has no label and no link
     assert "#track-wall-0001" not in source
+
+
+def test_a_sign_has_the_colour_of_its_own_state(page_path: Path) -> None:
+    """The first state in the timeline of a repaired defect was drawn in the colour of repairs."""
+    source = page_path.read_text(encoding="utf-8")
+    assert " .ink { fill: var(--mark); stroke: var(--mark); }" in source  # of the nearest finding around it
+    assert not re.search(r"\.f-\w+ \.ink", source)
+    for finding, style in STYLES.items():
+        assert f".f-{finding.name.lower()} {{ --mark: {style.colour}; }}" in source
+
+
+def test_boxes_hide_rows_of_the_list_too(page_path: Path) -> None:
+    source = page_path.read_text(encoding="utf-8")
+    assert "body:has(#show-grown:not(:checked)) #list tr:has(svg.f-grown)" in source
+    assert '<section id="list"' in source
 
 
 def test_links_lead_to_cards_and_anchors_exist(page_path: Path) -> None:
