@@ -21,7 +21,10 @@ _STYLES = {
 def show_uploads(
     console: Console, uploads: Sequence[Upload], problems: Sequence[SourceProblem], *, every: bool
 ) -> None:
-    """Print one line for each upload, and the sources that cannot be read. ``every``: with those that are gone."""
+    """Print one line for each upload, what is to be said of each, and the sources that cannot be read.
+
+    ``every``: also those that are in their source no more.
+    """
     shown = [one for one in uploads if every or one.in_source]
     if not shown:
         console.print("no uploads; a building with 'intake: {source: ...}' in the portfolio receives them from there")
@@ -30,11 +33,9 @@ def show_uploads(
         for column in ("building", "folder", "state", "since (UTC)", "campaign", "photographs", "files", "MB"):
             table.add_column(column)
         table.add_column("last change seen (UTC)")
-        table.add_column("says", ratio=1)
         for one in shown:
             style = _STYLES.get(one.state, "")
             state = f"[{style}]{one.state}[/{style}]" if style else str(one.state)
-            says = "; ".join(filter(None, (one.reason, *one.remarks)))
             table.add_row(
                 escape(one.building_id),
                 escape(one.folder),
@@ -45,9 +46,12 @@ def show_uploads(
                 str(one.files),
                 f"{one.bytes / 1e6:,.1f}",
                 f"{one.unchanged_since:%Y-%m-%d %H:%M}",
-                escape(says),
             )
         console.print(table)
+        for one in shown:
+            for line in filter(None, (one.reason, *one.remarks)):
+                console.print(f"[bold]{escape(one.building_id)} {escape(one.folder)}[/bold]: ", end="")
+                console.print(line, markup=False, highlight=False, soft_wrap=True)
     for problem in problems:
         console.print(f"[bold red]{escape(problem.building_id)}[/bold red]: ", end="")
         console.print(problem.problem, markup=False, highlight=False, soft_wrap=True)

@@ -42,7 +42,7 @@ def judge_quiet(
         waits = f"its marker '{marker.missing}' is not there{marker.hint}"
         remedy = f", and nothing has changed for {days}: put a file '{marker.missing}' into it once it is whole"
         return Completeness(is_complete=False, is_stalled=is_stalled, reason=waits + (remedy if is_stalled else ""))
-    needed_s = SETTLING_S if marker.is_required or is_answered else quiet_s
+    needed_s = min(SETTLING_S, quiet_s) if marker.is_required or is_answered else quiet_s
     if observed.quiet_s >= needed_s:
         return Completeness(is_complete=True)
     waits = f"nothing has changed for {observed.quiet_s / 60:.0f} of {needed_s / 60:g} minutes"

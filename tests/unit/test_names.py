@@ -25,7 +25,7 @@ VERBS = frozenset(
     accept add adjust advance align answer append apply archive arrange ask assemble assign attach attribute average
     bake begin blend bound build bundle cache calibrate card cast catch check choose classify clear clip close
     cluster collect colour combine commit compare compute concatenate condense configure connect convert convolve
-    copy correct correlate count cover create crop cut decide declare decode deduplicate delete demo derive describe
+    copy correct correlate count cover create crop cut decide declare decode deduplicate delete demo deploy derive describe
     detect develop diff dilate distribute divide doctor download draft drape draw drop eliminate encode end enter erode
     escape estimate evaluate exclude expand expect explain export extend extract extrude fill filter find fit fix
     flatten follow forget format gate generate georeference get grade group grow guess guide handle has hash hold
@@ -47,7 +47,7 @@ VERBS = frozenset(
 # Named as the command line, Prefect or a library wants them.
 NAMED_BY_OTHERS = frozenset(
     {"main", "campaigns", "coverage", "defects", "tracks", "sql", "pictures", "doctor", "cache", "emit", "training_set"}
-    | {"why"}
+    | {"why", "up", "down", "status", "systemd_unit"}
 )
 # Short ways to declare a column (schemas/column_type.py): the declaration reads as a list of nouns.
 DECLARATIONS = frozenset({"text", "real", "count", "time", "flag"})

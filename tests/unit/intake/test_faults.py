@@ -16,6 +16,7 @@ from pyarrow import fs
 
 from facadelake.core.errors import StoreError
 from facadelake.intake import IntakeReport, Upload, UploadState, describe_upload, receive_complete_uploads
+from facadelake.intake.ledger import LEDGER, open_ledger
 from facadelake.intake.listing import ListedFile
 from facadelake.intake.source import OpenedFile, UploadSource, open_source
 from tests.unit.intake.made_uploads import LAT_DEG, LON_DEG, MadePlace, get_upload
@@ -126,8 +127,10 @@ def test_a_disk_that_fills_while_it_is_written_leaves_nothing_behind(
 
         patched.setattr(Path, "open", open_full)
         upload = receive(place)
-    assert (
-        upload.state is UploadState.FAILED and "(No space left on device); check the space on its disk" in upload.reason
+    assert upload.state is UploadState.FAILED
+    assert upload.reason == (
+        f"the upload cannot be copied to {place.root / 'photographs' / 'mill'} (No space left on device); check the "
+        "space on its disk, and that the service may write there: it is tried again"
     )
     assert list((place.root / "photographs" / "mill").iterdir()) == []
     assert get_upload(place.run_pass(minutes=5), "2026-04").state is UploadState.RECEIVED
@@ -176,9 +179,9 @@ def test_a_source_that_is_not_there_stops_no_other(place: MadePlace) -> None:
     (problem,) = report.problems
     assert report.new_problems == report.problems and place.run_pass().new_problems == ()
     assert problem.problem.startswith(
-        f"the source {place.root / 'uploads' / 'mill'} cannot be read: create it, or correct "
+        f"the source {place.root / 'uploads' / 'mill'} cannot be read: create it, or correct 'intake: source' in the "
+        "portfolio; is its disk or share mounted?"
     )
-    assert "is its disk or share mounted?" in problem.problem
     assert get_upload(report, "2026-04").state is UploadState.RECEIVED and get_upload(report, "2026-04").in_source
     (place.root / "unmounted").rename(place.root / "uploads" / "mill")
     assert place.run_pass().problems == ()
@@ -230,10 +233,21 @@ def test_a_campaign_whose_folder_is_gone_does_not_begin_anew_with_its_late_photo
     assert not (place.root / "photographs" / "mill" / "2026-04").exists()
 
 
-def test_a_ledger_of_another_format(place: MadePlace) -> None:
-    (place.root / "lake").mkdir()
-    (place.root / "lake" / "intake.sqlite").write_bytes(b"SQLite format 3\0" + b"\xff" * 200)
-    with pytest.raises(StoreError, match=r"the intake's ledger .* cannot be read or written"):
+def test_a_ledger_that_is_damaged(place: MadePlace) -> None:
+    ledger = place.root / "lake" / "intake.sqlite"
+    ledger.parent.mkdir()
+    ledger.write_bytes(b"SQLite format 3\0" + b"\xff" * 200)
+    with pytest.raises(StoreError) as caught:
+        place.run_pass()
+    assert str(caught.value) == (
+        f"the intake's ledger sqlite:///{ledger} cannot be read or written (file is not a database); check that the "
+        "database answers and the disk has space. Where the ledger is damaged, move it away: uploads are then compared "
+        "with the photographs in place, and nothing is received twice"
+    )
+    ledger.unlink()
+    with open_ledger(place.settings).begin() as connection:
+        connection.execute(LEDGER.update().values(format=7))
+    with pytest.raises(StoreError, match="has format 7, this Facadelake reads 1; move it away"):
         place.run_pass()
 
 
@@ -269,28 +283,31 @@ def test_an_object_store_is_received_by_the_same_code(tmp_path: Path, object_sto
 
 
 @pytest.mark.parametrize(
-    ("error", "remedy"),
+    ("error", "message"),
     [
         (
             "When getting information for key: AWS Error ACCESS_DENIED during HeadObject operation: No response body.",
+            "the source s3://bucket/mill cannot be read: "
             "its credentials are refused or have expired; renew AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY and "
             "AWS_SESSION_TOKEN in the environment of the service, which may list and read the bucket",
         ),
         (
             "AWS Error NETWORK_CONNECTION during ListObjectsV2 operation: curlCode: 7, Couldn't connect to server",
+            "the source s3://bucket/mill cannot be read: "
             "it did not answer, or not in full; check the network, AWS_ENDPOINT_URL and AWS_REGION",
         ),
         (
             "Path does not exist 'bucket/mill'",
+            "the source s3://bucket/mill cannot be read: "
             "there is no such bucket or prefix; correct 'intake: source' in the portfolio",
         ),
     ],
 )
-def test_errors_of_an_object_store_have_a_remedy(object_store: fs.FileSystem, error: str, remedy: str) -> None:
+def test_errors_of_an_object_store_have_a_remedy(object_store: fs.FileSystem, error: str, message: str) -> None:
     source = UploadSource(location="s3://bucket/mill", filesystem=object_store, root="bucket/mill")
     with pytest.raises(StoreError) as caught, source.explain_errors():
         raise OSError(error)
-    assert str(caught.value) == f"the source s3://bucket/mill cannot be read: {remedy} ({error})"
+    assert str(caught.value) == f"{message} ({error})"
 
 
 def test_an_object_store_takes_endpoint_and_region_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:

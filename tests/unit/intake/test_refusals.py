@@ -208,7 +208,7 @@ def test_an_answer_with_mistakes(place: MadePlace) -> None:
     reason = receive(place, "2026-04").reason
     assert reason.startswith("its campaign.yaml has mistakes (accept.0: Input should be 'dates', 'position'")
     assert reason.endswith(
-        "allowed are 'campaign: 2026-04', 'accept: [dates, position, duplicate, addition, changed]' and "
+        "); allowed are 'campaign: 2026-04', 'accept: [dates, position, duplicate, addition, changed]' and "
         "'photographs: 412'"
     )
     assert "is not readable as YAML" in answer(place, "2026-04", "campaign: [").reason
