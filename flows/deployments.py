@@ -164,7 +164,7 @@ def plan_deployments(client: SyncPrefectClient, specs: Sequence[DeploymentSpec],
 
 def apply_deployments(client: SyncPrefectClient, plan: DeploymentPlan, lake: str) -> None:
     """Create, change and delete what the plan says, with the work pool; a deployment paused by hand stays paused."""
-    ensure_pool(client)
+    create_pool(client)
     for change in plan.changes:
         if change.action == "delete":
             client.delete_deployment(plan.deleted[change.full_name])
@@ -172,7 +172,7 @@ def apply_deployments(client: SyncPrefectClient, plan: DeploymentPlan, lake: str
             _write(client, plan.specs[change.full_name], lake)
 
 
-def ensure_pool(client: SyncPrefectClient) -> None:
+def create_pool(client: SyncPrefectClient) -> None:
     """Create the work pool and its queues where they are missing."""
     try:
         client.read_work_pool(POOL)

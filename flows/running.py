@@ -39,9 +39,9 @@ class ClosedRun:
     reason: str
 
 
-def note_process(flow: Flow[..., Any], flow_run: FlowRun, state: State) -> None:
+def record_process(flow: Flow[..., Any], flow_run: FlowRun, state: State) -> None:
     """Hook of a flow that begins to run."""
-    ProcessIdentity.of_this_process().write(_locate_note(str(flow_run.id)))
+    ProcessIdentity.from_this_process().write(_locate_note(str(flow_run.id)))
 
 
 def drop_note(flow: Flow[..., Any], flow_run: FlowRun, state: State) -> None:
@@ -51,7 +51,7 @@ def drop_note(flow: Flow[..., Any], flow_run: FlowRun, state: State) -> None:
 
 # Of every flow: @flow(..., **HOOKS).
 HOOKS: dict[str, Any] = {
-    "on_running": [note_process],
+    "on_running": [record_process],
     "on_completion": [drop_note],
     "on_failure": [drop_note],
     "on_crashed": [drop_note],

@@ -123,7 +123,7 @@ class Supervisor:
             )
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             signal.signal(number, lambda *_: self._stopping.set())
-        ProcessIdentity.of_this_process().write(self.home / IDENTITY_FILE)
+        ProcessIdentity.from_this_process().write(self.home / IDENTITY_FILE)
         try:
             self._start()
             self._watch()

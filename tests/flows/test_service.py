@@ -119,10 +119,10 @@ def test_a_schedule_switched_off_on_the_page_stays_off(service: Service) -> None
 
 def test_the_run_of_a_process_that_is_gone_is_closed(service: Service) -> None:
     gone = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
-    identity = ProcessIdentity.of_pid(gone.pid)
+    identity = ProcessIdentity.from_pid(gone.pid)
     parameters = {"building_id": "tower", "lake": str(service.home.parent)}
     dead, alive = (service.client.create_flow_run(inspect_building, parameters=parameters) for _ in range(2))
-    for run, process in ((dead, identity), (alive, ProcessIdentity.of_this_process())):
+    for run, process in ((dead, identity), (alive, ProcessIdentity.from_this_process())):
         service.client.set_flow_run_state(run.id, Running(), force=True)
         process.write(service.home / "running" / f"{run.id}.json")
     gone.kill()

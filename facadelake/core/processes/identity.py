@@ -25,7 +25,7 @@ class ProcessIdentity:
     start_ticks: int
 
     @classmethod
-    def of_pid(cls, pid: int) -> Self:
+    def from_pid(cls, pid: int) -> Self:
         """The process ``pid`` of this machine. Raises ProcessLookupError where there is none."""
         ticks = _read_start_ticks(pid)
         if ticks is None:
@@ -33,9 +33,9 @@ class ProcessIdentity:
         return cls(host=socket.gethostname(), boot_id=_read_boot_id(), pid=pid, start_ticks=ticks)
 
     @classmethod
-    def of_this_process(cls) -> Self:
+    def from_this_process(cls) -> Self:
         """The process that asks."""
-        return cls.of_pid(os.getpid())
+        return cls.from_pid(os.getpid())
 
     @classmethod
     def read(cls, path: Path) -> Self | None:

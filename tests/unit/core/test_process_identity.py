@@ -14,21 +14,21 @@ from facadelake.core.processes.identity import ProcessIdentity
 
 def test_a_process_runs_until_it_has_ended(tmp_path: Path) -> None:
     process = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
-    identity = ProcessIdentity.of_pid(process.pid)
+    identity = ProcessIdentity.from_pid(process.pid)
     identity.write(tmp_path / "notes" / "one.json")
     held = ProcessIdentity.read(tmp_path / "notes" / "one.json")
-    assert held == identity and held.is_running() and held != ProcessIdentity.of_this_process()
+    assert held == identity and held.is_running() and held != ProcessIdentity.from_this_process()
     process.kill()
     while identity.is_running():  # also while nobody has waited for it, as a zombie
         pass
     process.wait()
     assert not identity.is_running()
     with pytest.raises(ProcessLookupError):
-        ProcessIdentity.of_pid(process.pid)
+        ProcessIdentity.from_pid(process.pid)
 
 
 def test_a_number_that_is_used_again_is_another_process() -> None:
-    own = ProcessIdentity.of_this_process()
+    own = ProcessIdentity.from_this_process()
     assert own.is_running()
     assert not replace(own, start_ticks=own.start_ticks - 1).is_running()
     assert not replace(own, boot_id="another boot").is_running()
@@ -36,7 +36,7 @@ def test_a_number_that_is_used_again_is_another_process() -> None:
 
 def test_a_process_of_another_machine_cannot_be_told() -> None:
     with pytest.raises(ValueError, match="only that machine"):
-        replace(ProcessIdentity.of_this_process(), host="elsewhere").is_running()
+        replace(ProcessIdentity.from_this_process(), host="elsewhere").is_running()
 
 
 @pytest.mark.parametrize("content", [None, "", "{", "[]", '{"pid": 1}'])
