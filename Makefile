@@ -20,7 +20,7 @@ $(shell rm -f $(STAMP))
 endif
 endif
 
-.PHONY: help setup demo test lint format types directions unused doctor clean distclean
+.PHONY: help setup demo up test lint format types directions unused doctor clean distclean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1|\2/' | column -t -s '|' 2>/dev/null \
@@ -35,6 +35,9 @@ $(STAMP): pyproject.toml uv.lock scripts/bootstrap.py scripts/uv-requirements.tx
 
 demo: setup  ## generate the demo building, inspect its four campaigns and show the defects
 	@$(BIN)/facadelake demo
+
+up: setup  ## start the service: Prefect's page, a worker, the schedules and the intake (stop: facadelake down)
+	@$(BIN)/facadelake up
 
 test: setup  ## run all tests; choose with PYTEST_ARGS="tests/unit -k geodesy"
 	$(BIN)/python -m pytest $(PYTEST_ARGS)

@@ -25,7 +25,8 @@ VERBS = frozenset(
     accept add adjust advance align answer append apply archive arrange ask assemble assign attach attribute average
     bake begin blend bound build bundle cache calibrate card cast catch check choose classify clear clip close
     cluster collect colour combine commit compare compute concatenate condense configure connect convert convolve
-    copy correct correlate count cover create crop cut decide declare decode deduplicate delete demo deploy derive describe
+    copy correct correlate count cover create crop cut decide declare decode deduplicate delete demo deploy derive
+    describe
     detect develop diff dilate distribute divide doctor download draft drape draw drop eliminate encode end enter erode
     escape estimate evaluate exclude expand expect explain export extend extract extrude fill filter find fit fix
     flatten follow forget format gate generate georeference get grade group grow guess guide handle has hash hold
