@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pyarrow import fs
 
 from facadelake.core.errors import InputDataError
-from facadelake.intake.ledger import open_ledger
+from facadelake.intake.ledger import Ledger, open_ledger
 from facadelake.intake.listing import compute_fingerprint, list_folder, sum_bytes
 from facadelake.intake.observation_time import ObservationTime, read_clock
 from facadelake.intake.observed_folders import FolderKey, observe_folder
@@ -38,7 +38,7 @@ def observe_campaign(
     """Observe the folder of a campaign's photographs, and say whether it is settled and can be inspected.
 
     It is where nothing in it has changed for ``settings.intake.quiet_minutes``, as observed by calls of this function
-    and by ``receive_complete_uploads``, which observes the campaigns of all buildings without an intake. So the first
+    and by ``receive_complete_uploads``, which observes the campaigns of all buildings. So the first
     call for a new folder says no. Times of change of the files are no evidence. A campaign that the building's intake
     received is settled as soon as it is there, unless more photographs of it are arriving.
 
@@ -55,6 +55,28 @@ def observe_campaign(
         InputDataError: the folder does not exist or cannot be listed.
         StoreError: the ledger cannot be read or written.
     """
+    return observe_in_ledger(building, campaign_id, settings, open_ledger(settings), at or read_clock())
+
+
+def observe_in_ledger(
+    building: Building, campaign_id: str, settings: ServiceSettings, ledger: Ledger, at: ObservationTime
+) -> CampaignObservation:
+    """As ``observe_campaign``, with an open ledger.
+
+    Args:
+        building: the registered building.
+        campaign_id: its campaign.
+        settings: of the service.
+        ledger: their ledger.
+        at: the moment.
+
+    Returns:
+        the observation.
+
+    Raises:
+        InputDataError: the folder does not exist or cannot be listed.
+        StoreError: the ledger cannot be read or written.
+    """
     folder = building.locate_photographs(campaign_id)
     try:
         files = list_folder(fs.LocalFileSystem(), str(folder.resolve()))
@@ -64,8 +86,8 @@ def observe_campaign(
             "disk is there, and that the service may read it"
         ) from error
     key = FolderKey(building_id=building.id, place=_PLACE, name=campaign_id)
-    with open_ledger(settings).begin() as connection:
-        observed = observe_folder(connection, key, compute_fingerprint(files), at or read_clock())
+    with ledger.begin() as connection:
+        observed = observe_folder(connection, key, compute_fingerprint(files), at)
         states = find_states(connection, building.id, campaign_id)
     needed_s = settings.intake.quiet_minutes * 60
     arriving = sorted(folder for folder, state in states.items() if state is UploadState.GROWING)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import shutil
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -11,7 +12,7 @@ from pathlib import Path
 from sqlalchemy import Connection, and_, select
 
 from facadelake.core.errors import FacadelakeError, InputDataError
-from facadelake.intake.campaigns_in_place import observe_campaign
+from facadelake.intake.campaigns_in_place import observe_in_ledger
 from facadelake.intake.file_kinds import FileKind, classify_file
 from facadelake.intake.known import find_places
 from facadelake.intake.ledger import FOLDERS, SOURCES, UPLOADS, Ledger, open_ledger
@@ -20,8 +21,9 @@ from facadelake.intake.observation_time import ObservationTime, read_clock
 from facadelake.intake.observed_folders import FolderKey, ObservedFolder, observe_folder
 from facadelake.intake.receive import Surroundings
 from facadelake.intake.source import UploadSource, open_source
+from facadelake.intake.staging import list_staging, name_staging
 from facadelake.intake.upload import SourceProblem, Upload, UploadState, read_source_problems, read_uploads, take_news
-from facadelake.intake.visit import UploadVisit, visit_upload
+from facadelake.intake.visit import UploadVisit, record_unreadable, visit_upload
 from facadelake.registry import Building, ServiceSettings
 
 log = logging.getLogger(__name__)
@@ -49,8 +51,8 @@ def receive_complete_uploads(
 ) -> IntakeReport:
     """Observe all sources once, receive what is complete, and say what is new.
 
-    A problem of one upload or source stops no other. The campaigns of buildings without an intake are observed, too,
-    so that ``observe_campaign`` knows how long they have been without a change.
+    A problem of one upload or source stops no other. The campaigns in place are observed, too, so that
+    ``observe_campaign`` knows how long they have been without a change.
 
     Args:
         buildings: those of the portfolio.
@@ -76,25 +78,26 @@ def receive_complete_uploads(
         )
         _forget_left(ledger, buildings)
         for building in buildings:
-            if building.intake is None:
-                _observe_campaigns(building, settings, clock())
-                continue
-            problem = _receive_of_building(building, settings, around, clock, open_location)
-            _save_problem(ledger, building, problem)
+            if building.intake is not None:
+                problem = _receive_of_building(building, settings, around, clock, open_location)
+                _save_problem(ledger, building, problem)
+            _observe_campaigns(building, settings, ledger, clock())
         with ledger.begin() as connection:
             news, new_problems = take_news(connection)
+            uploads = read_uploads(connection)
+            _remove_leftovers(buildings, uploads)
             return IntakeReport(
-                uploads=read_uploads(connection),
+                uploads=uploads,
                 news=news,
                 problems=read_source_problems(connection),
                 new_problems=new_problems,
             )
 
 
-def _observe_campaigns(building: Building, settings: ServiceSettings, at: ObservationTime) -> None:
+def _observe_campaigns(building: Building, settings: ServiceSettings, ledger: Ledger, at: ObservationTime) -> None:
     for campaign_id in building.list_campaigns():
         try:
-            observe_campaign(building, campaign_id, settings, at)
+            observe_in_ledger(building, campaign_id, settings, ledger, at)
         except InputDataError as error:  # listed in the portfolio, and not there yet
             log.debug("%s %s: %s", building.id, campaign_id, error)
 
@@ -119,6 +122,10 @@ def _receive_of_building(
         for folder, files in listing.uploads.items():
             key = FolderKey(building_id=building.id, place=source.location, name=folder)
             observed[folder] = observe_folder(connection, key, compute_fingerprint(files), at)
+        for folder, problem in listing.unreadable.items():
+            key = FolderKey(building_id=building.id, place=source.location, name=folder)
+            observed[folder] = observe_folder(connection, key, "", at)
+            record_unreadable(connection, observed[folder].id, problem, at)
         _mark_removed(connection, building.id, source.location, set(observed), at)
     for folder, files in listing.uploads.items():
         visit = UploadVisit(
@@ -164,6 +171,15 @@ def _forget_left(ledger: Ledger, buildings: Sequence[Building]) -> None:
             if sources.get(row.building_id) != row.place:
                 connection.execute(UPLOADS.update().where(UPLOADS.c.folder_id == row.id).values(in_source=False))
         connection.execute(SOURCES.delete().where(SOURCES.c.building_id.not_in(list(sources))))
+
+
+def _remove_leftovers(buildings: Sequence[Building], uploads: Sequence[Upload]) -> None:
+    """Remove copies of uploads that went from their source, or from the portfolio, before they were received."""
+    kept = {name_staging(one.source, one.folder) for one in uploads if one.in_source}
+    for parent in {building.locate_campaigns() for building in buildings if building.intake is not None}:
+        for folder in list_staging(parent):
+            if not any(folder.name.startswith(name) for name in kept):
+                shutil.rmtree(folder, ignore_errors=True)
 
 
 def _save_problem(ledger: Ledger, building: Building, problem: str) -> None:

@@ -166,6 +166,11 @@ class Ledger:
         )
 
 
+def has_ledger(settings: ServiceSettings) -> bool:
+    """Whether there may be a ledger: one in a database is made when it is opened."""
+    return settings.database is not None or (Path(settings.lake) / LEDGER_FILE).is_file()
+
+
 def open_ledger(settings: ServiceSettings) -> Ledger:
     """Open the ledger of the settings' database, else that in the lake's folder; it is made where there is none.
 

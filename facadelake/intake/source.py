@@ -28,9 +28,10 @@ _CREDENTIAL_ERRORS = (
 
 @dataclass(frozen=True, kw_only=True)
 class SourceListing:
-    """The uploads of a source by the name of their folder, and files that are in none."""
+    """The uploads of a source by the name of their folder, those that cannot be listed, and files that are in none."""
 
     uploads: Mapping[str, tuple[ListedFile, ...]]
+    unreadable: Mapping[str, str]
     loose: tuple[ListedFile, ...]
 
 
@@ -44,18 +45,20 @@ class UploadSource:
 
     def list_uploads(self) -> SourceListing:
         """All files of the source by their upload. Raises StoreError where it cannot be listed."""
+        if isinstance(self.filesystem, fs.LocalFileSystem):
+            return self._list_folders()
         with self.explain_errors():
             files = list_folder(self.filesystem, self.root)
-            empty = self._list_folders()
-        uploads: dict[str, list[ListedFile]] = defaultdict(list, {name: [] for name in empty})
-        loose = []
+        uploads: dict[str, list[ListedFile]] = defaultdict(list)
         for file in files:
             folder, _, path = file.path.partition("/")
             if path and not folder.startswith("."):
                 uploads[folder].append(ListedFile(path=path, bytes=file.bytes, modified_ns=file.modified_ns))
-            elif not path:
-                loose.append(file)
-        return SourceListing(uploads={name: tuple(uploads[name]) for name in sorted(uploads)}, loose=tuple(loose))
+        return SourceListing(
+            uploads={name: tuple(uploads[name]) for name in sorted(uploads)},
+            unreadable={},
+            loose=tuple(file for file in files if "/" not in file.path),
+        )
 
     def list_upload(self, folder: str) -> tuple[ListedFile, ...]:
         """The files of one upload. Raises StoreError where it cannot be listed."""
@@ -82,17 +85,24 @@ class UploadSource:
         with self.open_file(folder, path) as file:
             return file.etag
 
-    def _list_folders(self) -> list[str]:
-        """Folders directly in the source that may be empty; an object store has none."""
-        if not isinstance(self.filesystem, fs.LocalFileSystem):
-            return []
-        infos = self.filesystem.get_file_info(fs.FileSelector(self.root))
-        return [
-            info.base_name
+    def _list_folders(self) -> SourceListing:
+        """Folder by folder, as some may belong to others; one that is empty is an upload, too."""
+        with self.explain_errors():
+            infos = self.filesystem.get_file_info(fs.FileSelector(self.root))
+        uploads, unreadable = {}, {}
+        for info in sorted(infos, key=lambda info: str(info.base_name)):
+            if info.type == fs.FileType.Directory and not info.base_name.startswith("."):
+                try:
+                    if not Path(info.path).is_symlink():
+                        uploads[info.base_name] = self.list_upload(info.base_name)
+                except StoreError as error:
+                    unreadable[info.base_name] = str(error)
+        loose = tuple(
+            ListedFile(path=info.base_name, bytes=info.size, modified_ns=info.mtime_ns)
             for info in infos
-            if info.type == fs.FileType.Directory and not info.base_name.startswith(".")
-            if not Path(info.path).is_symlink()
-        ]
+            if info.type == fs.FileType.File
+        )
+        return SourceListing(uploads=uploads, unreadable=unreadable, loose=loose)
 
     @contextmanager
     def explain_errors(self) -> Iterator[None]:

@@ -16,6 +16,7 @@ from facadelake.intake.source import UploadSource
 
 _CHUNK_BYTES = 1 << 20
 _SPARE_BYTES = 100 << 20
+_STAGING = ".receiving-"
 _PARTIAL = ".partial"
 
 
@@ -48,12 +49,12 @@ def copy_to_staging(
     Raises:
         StoreError: a file cannot be read or written, or has another size than listed; the disk has too little space.
     """
-    own = compute_key({"source": source.location, "upload": upload})[:12]
-    folder = parent / f".receiving-{own}-{fingerprint[:12]}"
+    own = name_staging(source.location, upload)
+    folder = parent / f"{own}{fingerprint[:12]}"
     try:
         parent.mkdir(parents=True, exist_ok=True)
-        for leftover in parent.glob(f".receiving-{own}-*"):
-            if leftover != folder:
+        for leftover in list_staging(parent):
+            if leftover.name.startswith(own) and leftover != folder:
                 shutil.rmtree(leftover)
         copied = {file.path for file in files if (folder / file.path).is_file()}
         _require_space(parent, sum_bytes([file for file in files if file.path not in copied]))
@@ -71,6 +72,16 @@ def copy_to_staging(
             remove_staged(staged)
             raise StoreError(_describe_write_error(error, parent)) from error
     return staged
+
+
+def name_staging(location: str, upload: str) -> str:
+    """How the names of folders begin that an upload is copied to."""
+    return f"{_STAGING}{compute_key({'source': location, 'upload': upload})[:12]}-"
+
+
+def list_staging(parent: Path) -> list[Path]:
+    """The folders that uploads were copied to and that are not removed yet."""
+    return sorted(parent.glob(f"{_STAGING}*"))
 
 
 def _copy_file(source: UploadSource, upload: str, file: ListedFile, staged: StagedCopy) -> None:

@@ -10,7 +10,7 @@ from enum import StrEnum
 
 from sqlalchemy import Connection, and_, select
 
-from facadelake.intake.ledger import FILES, FOLDERS, SOURCES, UPLOADS, open_ledger
+from facadelake.intake.ledger import FILES, FOLDERS, SOURCES, UPLOADS, has_ledger, open_ledger
 from facadelake.intake.listing import ListedFile
 from facadelake.intake.photograph_facts import FileFacts
 from facadelake.registry import ServiceSettings
@@ -222,7 +222,12 @@ def find_states(connection: Connection, building_id: str, campaign_id: str) -> d
 
 
 def list_uploads(settings: ServiceSettings) -> tuple[tuple[Upload, ...], tuple[SourceProblem, ...]]:
-    """All uploads and all problems of sources, as of the last pass. Raises StoreError: the ledger cannot be read."""
+    """All uploads and all problems of sources, as of the last pass; none where there was no pass yet.
+
+    Raises StoreError where the ledger cannot be read.
+    """
+    if not has_ledger(settings):
+        return (), ()
     with open_ledger(settings).begin() as connection:
         return read_uploads(connection), read_source_problems(connection)
 

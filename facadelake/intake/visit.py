@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from sqlalchemy import Connection
+
 from facadelake.core.errors import FacadelakeError, InputDataError
 from facadelake.intake.answer import MarkerState, find_marker, read_answer
 from facadelake.intake.completeness import Completeness, judge_number, judge_quiet
@@ -90,6 +92,14 @@ def visit_upload(visit: UploadVisit, settings: ServiceSettings, around: Surround
             retry_quiet_s=visit.observed.quiet_s + wait_s,
         )
     _save(visit, around, row, new, facts)
+
+
+def record_unreadable(connection: Connection, folder_id: int, problem: str, at: ObservationTime) -> None:
+    """Write into the ledger that the folder of an upload cannot be listed."""
+    row = load_row(connection, folder_id) or UploadRow(state=UploadState.GROWING, state_since_s=at.unix_s)
+    since_s = row.state_since_s if row.state is UploadState.FAILED else at.unix_s
+    failed = replace(row, state=UploadState.FAILED, reason=problem, state_since_s=since_s, in_source=True)
+    save_row(connection, folder_id, failed)
 
 
 def _advance(

@@ -6,6 +6,7 @@ import errno
 import shutil
 from collections import namedtuple
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -89,7 +90,7 @@ def test_a_source_that_answers_in_part(place: MadePlace, monkeypatch: pytest.Mon
                 )
                 for name, files in found.uploads.items()
             }
-            return type(found)(uploads=longer, loose=found.loose)
+            return replace(found, uploads=longer)
 
         patched.setattr(UploadSource, "list_uploads", list_larger)
         upload = receive(place)
@@ -185,6 +186,41 @@ def test_a_source_that_is_not_there_stops_no_other(place: MadePlace) -> None:
     assert get_upload(report, "2026-04").state is UploadState.RECEIVED and get_upload(report, "2026-04").in_source
     (place.root / "unmounted").rename(place.root / "uploads" / "mill")
     assert place.run_pass().problems == ()
+
+
+def test_a_folder_that_may_not_be_listed_stops_no_other_of_its_source(
+    place: MadePlace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place.upload_photographs("2026-05", range(20, 22))
+    listed = UploadSource.list_upload
+
+    def refuse(self: UploadSource, folder: str) -> tuple[ListedFile, ...]:
+        with self.explain_errors():
+            if folder == "2026-05":
+                raise PermissionError(errno.EACCES, "Permission denied")
+        return listed(self, folder)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(UploadSource, "list_upload", refuse)
+        report = place.run_until_quiet()
+    assert get_upload(report, "2026-04").state is UploadState.RECEIVED
+    denied = get_upload(report, "2026-05")
+    assert denied.state is UploadState.FAILED
+    assert denied.reason.endswith("Permission denied; check the disk, and that the service may read the folder")
+    assert get_upload(place.run_until_quiet(), "2026-05").state is UploadState.RECEIVED
+
+
+def test_copies_of_an_upload_that_goes_are_removed(place: MadePlace, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: UploadSource) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    patch_reading(monkeypatch, fail)
+    receive(place)
+    campaigns = place.root / "photographs" / "mill"
+    assert [path.name.startswith(".receiving-") for path in campaigns.iterdir()] == [True]
+    shutil.rmtree(place.root / "uploads" / "mill" / "2026-04")
+    place.run_pass()
+    assert list(campaigns.iterdir()) == []
 
 
 def test_photographs_outside_folders_are_told(place: MadePlace) -> None:
