@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pyarrow import fs
+from sqlalchemy import Connection
 
 from facadelake.core.errors import InputDataError
-from facadelake.intake.ledger import Ledger, open_ledger
+from facadelake.intake.ledger import open_ledger
 from facadelake.intake.listing import compute_fingerprint, list_folder, sum_bytes
 from facadelake.intake.observation_time import ObservationTime, read_clock
 from facadelake.intake.observed_folders import FolderKey, observe_folder
@@ -55,19 +56,20 @@ def observe_campaign(
         InputDataError: the folder does not exist or cannot be listed.
         StoreError: the ledger cannot be read or written.
     """
-    return observe_in_ledger(building, campaign_id, settings, open_ledger(settings), at or read_clock())
+    with open_ledger(settings).begin() as connection:
+        return observe_in_ledger(building, campaign_id, settings, connection, at or read_clock())
 
 
 def observe_in_ledger(
-    building: Building, campaign_id: str, settings: ServiceSettings, ledger: Ledger, at: ObservationTime
+    building: Building, campaign_id: str, settings: ServiceSettings, connection: Connection, at: ObservationTime
 ) -> CampaignObservation:
-    """As ``observe_campaign``, with an open ledger.
+    """As ``observe_campaign``, in a transaction of the ledger.
 
     Args:
         building: the registered building.
         campaign_id: its campaign.
         settings: of the service.
-        ledger: their ledger.
+        connection: the transaction.
         at: the moment.
 
     Returns:
@@ -86,9 +88,8 @@ def observe_in_ledger(
             "disk is there, and that the service may read it"
         ) from error
     key = FolderKey(building_id=building.id, place=_PLACE, name=campaign_id)
-    with ledger.begin() as connection:
-        observed = observe_folder(connection, key, compute_fingerprint(files), at)
-        states = find_states(connection, building.id, campaign_id)
+    observed = observe_folder(connection, key, compute_fingerprint(files), at)
+    states = find_states(connection, building.id, campaign_id)
     needed_s = settings.intake.quiet_minutes * 60
     arriving = sorted(folder for folder, state in states.items() if state is UploadState.GROWING)
     is_settled = bool(files) and not arriving and (bool(states) or observed.quiet_s >= needed_s)

@@ -22,7 +22,15 @@ from facadelake.intake.observed_folders import FolderKey, ObservedFolder, observ
 from facadelake.intake.receive import Surroundings
 from facadelake.intake.source import UploadSource, open_source
 from facadelake.intake.staging import list_staging, name_staging
-from facadelake.intake.upload import SourceProblem, Upload, UploadState, read_source_problems, read_uploads, take_news
+from facadelake.intake.upload import (
+    SourceProblem,
+    Upload,
+    UploadState,
+    read_source_problems,
+    read_uploads,
+    restart_waiting,
+    take_news,
+)
 from facadelake.intake.visit import UploadVisit, record_unreadable, visit_upload
 from facadelake.registry import Building, ServiceSettings
 
@@ -95,11 +103,12 @@ def receive_complete_uploads(
 
 
 def _observe_campaigns(building: Building, settings: ServiceSettings, ledger: Ledger, at: ObservationTime) -> None:
-    for campaign_id in building.list_campaigns():
-        try:
-            observe_in_ledger(building, campaign_id, settings, ledger, at)
-        except InputDataError as error:  # listed in the portfolio, and not there yet
-            log.debug("%s %s: %s", building.id, campaign_id, error)
+    with ledger.begin() as connection:
+        for campaign_id in building.list_campaigns():
+            try:
+                observe_in_ledger(building, campaign_id, settings, connection, at)
+            except InputDataError as error:  # listed in the portfolio, and not there yet
+                log.debug("%s %s: %s", building.id, campaign_id, error)
 
 
 def _receive_of_building(
@@ -119,6 +128,7 @@ def _receive_of_building(
     at = clock()
     observed: dict[str, ObservedFolder] = {}
     with around.ledger.begin() as connection:
+        restart_waiting(connection, building.id)
         for folder, files in listing.uploads.items():
             key = FolderKey(building_id=building.id, place=source.location, name=folder)
             observed[folder] = observe_folder(connection, key, compute_fingerprint(files), at)

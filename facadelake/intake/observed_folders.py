@@ -79,8 +79,3 @@ def observe_folder(connection: Connection, key: FolderKey, fingerprint: str, at:
         )
     )
     return observed
-
-
-def restart_waiting(connection: Connection, folder_id: int) -> None:
-    """Begin anew to count for how long a folder has been waited for."""
-    connection.execute(FOLDERS.update().where(FOLDERS.c.id == folder_id).values(waited_s=0.0))

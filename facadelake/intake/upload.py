@@ -103,6 +103,13 @@ def save_row(connection: Connection, folder_id: int, row: UploadRow) -> None:
         connection.execute(UPLOADS.insert().values(folder_id=folder_id, **values))
 
 
+def restart_waiting(connection: Connection, building_id: str) -> None:
+    """Begin anew to count for how long an upload is waited for, where it is received or refused."""
+    answered = select(UPLOADS.c.folder_id).where(UPLOADS.c.state.in_([UploadState.RECEIVED, UploadState.REFUSED]))
+    chosen = and_(FOLDERS.c.building_id == building_id, FOLDERS.c.id.in_(answered))
+    connection.execute(FOLDERS.update().where(chosen).values(waited_s=0.0))
+
+
 def load_facts(connection: Connection, folder_id: int) -> dict[str, FileFacts]:
     """The facts of an upload's files by their paths."""
     rows = connection.execute(select(FILES).where(FILES.c.folder_id == folder_id))

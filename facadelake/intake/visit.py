@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from sqlalchemy import Connection
 
@@ -13,7 +14,7 @@ from facadelake.intake.completeness import Completeness, judge_number, judge_qui
 from facadelake.intake.file_kinds import LEFT_OUT, FileKind, classify_file, describe_left_out
 from facadelake.intake.listing import ListedFile, compute_fingerprint, sum_bytes
 from facadelake.intake.observation_time import ObservationTime
-from facadelake.intake.observed_folders import ObservedFolder, restart_waiting
+from facadelake.intake.observed_folders import ObservedFolder
 from facadelake.intake.photograph_facts import FileFacts
 from facadelake.intake.receive import CompleteUpload, Surroundings, UploadChangedError, receive_upload
 from facadelake.intake.source import UploadSource
@@ -37,20 +38,21 @@ class UploadVisit:
     observed: ObservedFolder
     at: ObservationTime
 
-    @property
+    @cached_property
     def fingerprint(self) -> str:
         """That of all its files, with the marker."""
         return compute_fingerprint(self.files)
 
-    @property
+    @cached_property
     def marker(self) -> MarkerState:
         """Its marker or answer."""
         return find_marker(self.building, self.files)
 
-    @property
+    @cached_property
     def content(self) -> tuple[ListedFile, ...]:
         """Its files without the marker."""
-        return tuple(file for file in self.files if file.path != self.marker.name)
+        name = self.marker.name
+        return tuple(file for file in self.files if file.path != name)
 
     def count_photographs(self) -> int:
         """The number of its photographs and masks by their names."""
@@ -188,8 +190,9 @@ def _save(
     visit: UploadVisit, around: Surroundings, before: UploadRow, row: UploadRow, facts: Sequence[FileFacts] = ()
 ) -> None:
     since_s = before.state_since_s if row.state is before.state else visit.at.unix_s
+    new = replace(row, state_since_s=since_s)
+    if new == before and before.files and not facts:
+        return
     with around.ledger.begin() as connection:
-        save_row(connection, visit.observed.id, replace(row, state_since_s=since_s))
+        save_row(connection, visit.observed.id, new)
         save_facts(connection, visit.observed.id, facts)
-        if row.state in (UploadState.RECEIVED, UploadState.REFUSED):  # what changes from now on is new
-            restart_waiting(connection, visit.observed.id)
