@@ -22,6 +22,7 @@ from facadelake.registry import Building
 
 log = logging.getLogger(__name__)
 
+_ASKED_AT_ONCE = 500  # databases limit the number of values in a statement
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 _PLACES = """
 SELECT b.building_id AS building_id, any_value(b.origin_lon_deg) AS origin_lon_deg,
@@ -95,15 +96,17 @@ def _query_rows(lake: Path, sql: str, parameters: Mapping[str, str] | None = Non
 
 def find_received(connection: Connection, sha256: Collection[str], own_id: int) -> list[ReceivedPhotographs]:
     """Which of these photographs other uploads have that were received."""
-    rows = connection.execute(
+    joined = (
         select(FILES.c.sha256, FOLDERS.c.building_id, FOLDERS.c.name, UPLOADS.c.campaign_id, UPLOADS.c.in_source)
         .join_from(FILES, FOLDERS, FILES.c.folder_id == FOLDERS.c.id)
         .join(UPLOADS, UPLOADS.c.folder_id == FOLDERS.c.id)
         .where(and_(FILES.c.is_received, FILES.c.is_photograph, FOLDERS.c.id != own_id))
     )
     found: dict[tuple[str, str, str, bool], set[str]] = defaultdict(set)
-    for row in rows:
-        if row.sha256 in sha256:
+    wanted = sorted(sha256)
+    for begin in range(0, len(wanted), _ASKED_AT_ONCE):
+        chunk = wanted[begin : begin + _ASKED_AT_ONCE]
+        for row in connection.execute(joined.where(FILES.c.sha256.in_(chunk))):
             found[row.building_id, row.name, row.campaign_id or "", row.in_source].add(row.sha256)
     return [
         ReceivedPhotographs(

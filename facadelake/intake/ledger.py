@@ -91,7 +91,7 @@ FILES = Table(
     Column("path", Text, primary_key=True),
     Column("bytes", BigInteger, nullable=False),
     Column("modified_ns", BigInteger, nullable=False),
-    Column("sha256", Text, nullable=False),
+    Column("sha256", Text, nullable=False, index=True),
     Column("is_photograph", Boolean, nullable=False),
     Column("problem", Text, nullable=False),
     Column("taken_at", Text),  # as the camera's clock showed it
