@@ -14,7 +14,6 @@ from sqlalchemy import Connection, and_, select
 from facadelake.core.errors import FacadelakeError, InputDataError
 from facadelake.intake.campaigns_in_place import observe_in_ledger
 from facadelake.intake.file_kinds import FileKind, classify_file
-from facadelake.intake.known import find_places
 from facadelake.intake.ledger import FOLDERS, SOURCES, UPLOADS, Ledger, open_ledger
 from facadelake.intake.listing import compute_fingerprint
 from facadelake.intake.observation_time import ObservationTime, read_clock
@@ -78,12 +77,7 @@ def receive_complete_uploads(
     ledger = open_ledger(settings)
     with ledger.hold():
         now = datetime.fromtimestamp(clock().unix_s, tz=UTC).replace(tzinfo=None)
-        around = Surroundings(
-            ledger=ledger,
-            lake=Path(settings.lake),
-            places=find_places(buildings, Path(settings.lake)),
-            now=now,
-        )
+        around = Surroundings(ledger=ledger, lake=Path(settings.lake), buildings=tuple(buildings), now=now)
         _forget_left(ledger, buildings)
         for building in buildings:
             if building.intake is not None:

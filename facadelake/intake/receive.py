@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from functools import cached_property
 from pathlib import Path
 
 from facadelake.core.errors import InputDataError, StoreError
@@ -19,7 +20,13 @@ from facadelake.intake.checks import (
     check_position,
 )
 from facadelake.intake.file_kinds import FileKind, classify_file
-from facadelake.intake.known import find_campaign_photographs, find_inspected, find_received, hash_photographs
+from facadelake.intake.known import (
+    find_campaign_photographs,
+    find_inspected,
+    find_places,
+    find_received,
+    hash_photographs,
+)
 from facadelake.intake.ledger import Ledger
 from facadelake.intake.listing import ListedFile, compute_fingerprint
 from facadelake.intake.photograph_facts import FileFacts, collect_facts
@@ -71,12 +78,17 @@ class Reception:
 
 @dataclass(frozen=True, kw_only=True)
 class Surroundings:
-    """What an upload is compared with: the lake, the ledger, the places of all buildings."""
+    """What an upload is compared with: the lake, the ledger, the places of all buildings, the present day (UTC)."""
 
     ledger: Ledger
     lake: Path
-    places: Mapping[str, BuildingPlace]
+    buildings: tuple[Building, ...]
     now: datetime
+
+    @cached_property
+    def places(self) -> Mapping[str, BuildingPlace]:
+        """Where buildings are; the lake is asked where an upload is complete, and once."""
+        return find_places(self.buildings, self.lake)
 
 
 def receive_upload(upload: CompleteUpload, around: Surroundings) -> Reception:

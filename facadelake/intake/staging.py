@@ -49,10 +49,15 @@ def copy_to_staging(
     Raises:
         StoreError: a file cannot be read or written, or has another size than listed; the disk has too little space.
     """
+    if not parent.parent.is_dir():  # made anew on a mount point, it would be on another disk
+        raise StoreError(
+            f"the photographs' folder {parent} cannot be made, as {parent.parent} does not exist; create that, or "
+            "mount its disk: it is tried again"
+        )
     own = name_staging(source.location, upload)
     folder = parent / f"{own}{fingerprint[:12]}"
     try:
-        parent.mkdir(parents=True, exist_ok=True)
+        parent.mkdir(exist_ok=True)
         for leftover in list_staging(parent):
             if leftover.name.startswith(own) and leftover != folder:
                 shutil.rmtree(leftover)

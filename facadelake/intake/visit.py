@@ -162,7 +162,8 @@ def _advance(
     if done.problems:
         reason = "; ".join(done.problems)
         told = tuple(remarks[:_REMARKS_MAX])
-        return replace(refused, reason=reason, remarks=told, campaign_id=done.campaign_id, examined=content), done.facts
+        campaign_id = row.campaign_id if row.received else done.campaign_id
+        return replace(refused, reason=reason, remarks=told, campaign_id=campaign_id, examined=content), done.facts
     earlier = [line for line in row.remarks if row.received and not line.startswith(LEFT_OUT)]
     told = tuple(dict.fromkeys([*earlier, *remarks, *describe_left_out(visit.content)]))
     return (

@@ -82,7 +82,8 @@ class MadePlace:
         return [self.get_building("mill"), self.get_building("tower")]
 
     def upload(self, path: str, content: bytes, building_id: str = "mill") -> Path:
-        """Write a file below a building's source."""
+        """Write a file below a building's source; the disk for photographs is there."""
+        (self.root / "photographs").mkdir(exist_ok=True)
         file = self.root / self.sources / building_id / path
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(content)

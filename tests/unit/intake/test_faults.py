@@ -115,6 +115,17 @@ def test_a_disk_that_is_full(place: MadePlace, monkeypatch: pytest.MonkeyPatch) 
     assert again.state is UploadState.RECEIVED
 
 
+def test_a_disk_that_is_not_mounted_is_not_replaced_by_a_folder(place: MadePlace) -> None:
+    (place.root / "photographs").rmdir()
+    reason = get_upload(place.run_until_quiet(), "2026-04").reason
+    assert reason == (
+        f"the photographs' folder {place.root / 'photographs' / 'mill'} cannot be made, as "
+        f"{place.root / 'photographs'} does not exist; create that, or mount its disk: it is tried again"
+    )
+    (place.root / "photographs").mkdir()
+    assert get_upload(place.run_pass(minutes=5), "2026-04").state is UploadState.RECEIVED
+
+
 def test_a_disk_that_fills_while_it_is_written_leaves_nothing_behind(
     place: MadePlace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -298,6 +309,7 @@ def object_store() -> fs.FileSystem:
 
 def test_an_object_store_is_received_by_the_same_code(tmp_path: Path, object_store: fs.FileSystem) -> None:
     place = MadePlace(tmp_path)
+    (tmp_path / "photographs").mkdir()
     for name in ("2026-04/DCIM/1.JPG", "2026-04/2.JPG", "2026-04/.DS_Store"):
         memory = fsspec.filesystem("memory")
         memory.makedirs(f"/bucket/mill/{name.rpartition('/')[0]}", exist_ok=True)

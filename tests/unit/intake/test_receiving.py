@@ -39,7 +39,7 @@ def test_an_upload_in_pieces_is_received_once_after_the_quiet_time(place: MadePl
     place.upload_photographs("2026-04", range(3, 6))
     assert get_upload(place.run_pass(), "2026-04").state is UploadState.GROWING
     assert get_upload(place.run_pass(minutes=29), "2026-04").state is UploadState.GROWING
-    assert not (place.root / "photographs").exists()
+    assert list((place.root / "photographs").iterdir()) == []
     report = place.run_pass(minutes=1)
     upload = get_upload(report, "2026-04")
     assert (upload.state, upload.campaign_id, upload.photographs) == (UploadState.RECEIVED, "2026-04", 6)
@@ -233,3 +233,18 @@ def test_a_pass_observes_the_campaigns_of_buildings_without_an_intake(place: Mad
         receive_complete_uploads([building], place.settings, place.clock)
         place.clock.advance(minutes=30)
     assert observe_campaign(building, "2026-04", place.settings, place.clock()).quiet_s == 3600
+
+
+@pytest.mark.parametrize(
+    "photographs", ["{campaign}", "{campaign}/images", "mill_{campaign}/raw/images", "all/flight-{campaign}-mill"]
+)
+def test_a_campaign_appears_as_a_whole_whatever_the_path_of_its_photographs(place: MadePlace, photographs: str) -> None:
+    place.upload_photographs("2026-04", range(3))
+    template = str(place.root / "photographs" / photographs)
+    building = place.get_building().model_copy(update={"photographs": template})
+    for _ in range(2):
+        receive_complete_uploads([building], place.settings, place.clock)
+        place.clock.advance(minutes=30)
+    assert building.list_campaigns() == ("2026-04",)
+    assert len(list(building.locate_photographs("2026-04").iterdir())) == 3
+    assert not [path for path in (place.root / "photographs").rglob(".*")]

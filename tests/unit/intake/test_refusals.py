@@ -191,6 +191,10 @@ def test_late_photographs_of_another_building_are_refused_and_the_campaign_stays
     upload = receive(place, "2026-04")
     assert upload.state is UploadState.REFUSED and "near building 'tower'" in upload.reason
     assert len(place.list_received("2026-04")) == 3
+    for seed in range(10, 13):
+        (place.root / f"uploads/mill/2026-04/{seed}.JPG").write_bytes(b"\xff\xd8\xff")
+    unreadable = receive(place, "2026-04")
+    assert unreadable.state is UploadState.REFUSED and unreadable.campaign_id == "2026-04"
 
 
 def test_no_photographs_and_none_that_can_be_read(place: MadePlace) -> None:
