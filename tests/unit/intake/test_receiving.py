@@ -247,4 +247,4 @@ def test_a_campaign_appears_as_a_whole_whatever_the_path_of_its_photographs(plac
         place.clock.advance(minutes=30)
     assert building.list_campaigns() == ("2026-04",)
     assert len(list(building.locate_photographs("2026-04").iterdir())) == 3
-    assert not [path for path in (place.root / "photographs").rglob(".*")]
+    assert not list((place.root / "photographs").rglob(".*"))
