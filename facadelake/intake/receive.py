@@ -8,7 +8,7 @@ from datetime import datetime
 from functools import cached_property
 from pathlib import Path
 
-from facadelake.core.errors import InputDataError, StoreError
+from facadelake.core.errors import FacadelakeError, InputDataError, StoreError
 from facadelake.intake.answer import UploadAnswer
 from facadelake.intake.campaign_name import Period, find_period, name_campaign, name_campaign_by_dates
 from facadelake.intake.checks import (
@@ -111,7 +111,7 @@ def receive_upload(upload: CompleteUpload, around: Surroundings) -> Reception:
     ]
     staged: StagedCopy | None = None
     try:
-        if upload.examined == fingerprint:
+        if upload.examined == fingerprint and all(file.path in known for file in wanted):
             facts = [known[file.path] for file in wanted]
         else:
             staged, facts = _copy_and_examine(upload, wanted, fingerprint)
@@ -139,7 +139,11 @@ def _copy_and_examine(
     if changed:
         remove_staged(staged)
         raise UploadChangedError(f"it changed while it was copied ({_format_names(changed)}); it is waited for again")
-    return staged, collect_facts(staged.folder, wanted, staged.sha256_of)
+    try:
+        return staged, collect_facts(staged.folder, wanted, staged.sha256_of)
+    except FacadelakeError:  # a copy that is wrong is not to be gone on with
+        remove_staged(staged)
+        raise
 
 
 def _judge(upload: CompleteUpload, facts: Sequence[FileFacts], around: Surroundings) -> Reception:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,6 +21,8 @@ from facadelake.intake.receive import CompleteUpload, Surroundings, UploadChange
 from facadelake.intake.source import UploadSource
 from facadelake.intake.upload import UploadRow, UploadState, load_row, save_facts, save_row
 from facadelake.registry import Building, ServiceSettings
+
+log = logging.getLogger(__name__)
 
 _RETRY_FIRST_S = 300.0
 _RETRY_LAST_S = 4 * 3600.0
@@ -83,16 +86,11 @@ def visit_upload(visit: UploadVisit, settings: ServiceSettings, around: Surround
     except UploadChangedError as error:
         new = replace(current, state=UploadState.GROWING, reason=str(error))
     except (FacadelakeError, OSError) as error:
-        wait_s = min(_RETRY_FIRST_S * 2**row.attempts, _RETRY_LAST_S)
-        new = replace(
-            current,
-            state=UploadState.FAILED,
-            reason=str(error),
-            attempts=row.attempts + 1,
-            complete=compute_fingerprint(visit.content),
-            judged=visit.fingerprint,
-            retry_quiet_s=visit.observed.quiet_s + wait_s,
-        )
+        new = _describe_failure(visit, current, str(error))
+    except Exception as error:  # whatever a file leads to, it must not stop the other uploads at every pass
+        log.exception("upload '%s' of building '%s'", visit.folder, visit.building.id)
+        reason = f"unexpected {type(error).__name__}: {error}; please report this, with the service's log"
+        new = _describe_failure(visit, current, reason)
     _save(visit, around, row, new, facts)
 
 
@@ -179,6 +177,19 @@ def _advance(
             attempts=0,
         ),
         done.facts,
+    )
+
+
+def _describe_failure(visit: UploadVisit, row: UploadRow, reason: str) -> UploadRow:
+    wait_s = min(_RETRY_FIRST_S * 2 ** min(row.attempts, 10), _RETRY_LAST_S)
+    return replace(
+        row,
+        state=UploadState.FAILED,
+        reason=reason,
+        attempts=row.attempts + 1,
+        complete=compute_fingerprint(visit.content),
+        judged=visit.fingerprint,
+        retry_quiet_s=visit.observed.quiet_s + wait_s,
     )
 
 

@@ -17,9 +17,11 @@ from pyarrow import fs
 
 from facadelake.core.errors import StoreError
 from facadelake.intake import IntakeReport, Upload, UploadState, describe_upload, receive_complete_uploads
+from facadelake.intake import receive as receive_module
 from facadelake.intake.ledger import LEDGER, open_ledger
 from facadelake.intake.listing import ListedFile
 from facadelake.intake.source import OpenedFile, UploadSource, open_source
+from facadelake.intake.staging import StagedCopy
 from tests.unit.intake.made_uploads import LAT_DEG, LON_DEG, MadePlace, get_upload
 from tests.unit.photos.small_photographs import photograph
 
@@ -113,6 +115,36 @@ def test_a_disk_that_is_full(place: MadePlace, monkeypatch: pytest.MonkeyPatch) 
     assert describe_upload(upload).startswith("mill: upload '2026-04' is failed (4 photographs, 0.0 MB): the disk of ")
     again = get_upload(place.run_pass(minutes=5), "2026-04")
     assert again.state is UploadState.RECEIVED
+
+
+def test_a_copy_that_the_disk_changed_is_made_anew(place: MadePlace, monkeypatch: pytest.MonkeyPatch) -> None:
+    def spoil(source: UploadSource, folder: str, staged: StagedCopy, _: object) -> list[str]:
+        if source.root.endswith("mill"):
+            (staged.folder / "DJI_0002.JPG").write_bytes(b"zeros")
+        return []
+
+    with monkeypatch.context() as patched:
+        patched.setattr(receive_module, "find_changed", spoil)
+        upload = receive(place)
+    assert upload.state is UploadState.FAILED
+    assert "was read from the source; check the disk: it is copied again" in upload.reason
+    assert get_upload(place.run_pass(minutes=5), "2026-04").state is UploadState.RECEIVED
+    whole = (place.root / "uploads/mill/2026-04/DJI_0002.JPG").read_bytes()
+    assert (place.root / "photographs/mill/2026-04/DJI_0002.JPG").read_bytes() == whole
+
+
+def test_an_unforeseen_error_of_one_upload_stops_no_other(place: MadePlace, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: UploadSource) -> None:
+        raise ZeroDivisionError("division by zero")
+
+    with monkeypatch.context() as patched:
+        patch_reading(patched, fail)
+        upload = receive(place)
+    assert upload.state is UploadState.FAILED
+    assert upload.reason == (
+        "unexpected ZeroDivisionError: division by zero; please report this, with the service's log"
+    )
+    assert get_upload(place.run_pass(minutes=5), "2026-04").state is UploadState.RECEIVED
 
 
 def test_a_disk_that_is_not_mounted_is_not_replaced_by_a_folder(place: MadePlace) -> None:
