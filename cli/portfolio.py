@@ -7,8 +7,9 @@ from typing import Annotated
 
 import typer
 
-from cli.intake import DEFAULT_SETTINGS, OtherLake, OtherPortfolio, SettingsFile
+from cli.intake import OtherLake, OtherPortfolio, SettingsFile
 from cli.options import DEFAULT_LAKE, DEFAULT_PORTFOLIO, console
+from cli.service.commands import DEFAULT_SETTINGS
 
 
 def inspect_portfolio(

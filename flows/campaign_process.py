@@ -20,6 +20,7 @@ from facadelake.core.progress import listen_to_progress
 
 RESULT = "result.json"
 # The input is at fault: the same photographs, files and settings lead to the same error.
+_KILLED = "was killed by signal SIGKILL"  # of a process that the inspection had started (core/processes/parent.py)
 _REFUSALS = (InputDataError, GeoreferenceError, ModelError, SchemaError)
 
 
@@ -47,8 +48,9 @@ def _run(flow_run_id: UUID, parameters: dict[str, Any]) -> dict[str, Any]:
     try:
         result = run_flow_sync(inspect_building, flow_run=flow_run, parameters=parameters)
     except Exception as error:
-        outcome = "refused" if isinstance(error, _REFUSALS) else "failed"
-        return {"outcome": outcome, "problem": str(error) or type(error).__name__}
+        problem = str(error) or type(error).__name__
+        outcome = "killed" if _KILLED in problem else "refused" if isinstance(error, _REFUSALS) else "failed"
+        return {"outcome": outcome, "problem": problem}
     assert isinstance(result, InspectionResult)
     return {
         "outcome": "committed" if result.changed else "unchanged",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -33,6 +34,7 @@ _POLL_S = 5.0
 _LAST_WORD_S = 1.5  # for the server, when all is being stopped
 _MODULE = "flows.campaign_process"
 _CANCELLED = (StateType.CANCELLING, StateType.CANCELLED)
+_OF_THIS_RUN = "PREFECT__"  # names of variables by which Prefect controls one flow run
 _OOM_COUNTER = "oom_kill "
 
 
@@ -91,10 +93,7 @@ class CampaignRuns:
         flow_run_id = _create_flow_run(client, parameters, name=_name(one))
         self._flow_runs[_name(one)] = flow_run_id
         job = {"flow_run_id": str(flow_run_id), "parameters": parameters}
-        # Where this process has started a temporary server, the children use the same one.
-        processes.start(
-            _name(one), _MODULE, job, self._locate_job(one), environment={"PREFECT_API_URL": str(client.api_url)}
-        )
+        processes.start(_name(one), _MODULE, job, self._locate_job(one), environment=_make_environment(client))
 
     def _locate_job(self, one: WaitingCampaign) -> Path:
         return self.folder / one.building_id / one.campaign_id
@@ -173,6 +172,15 @@ class CampaignRuns:
         thread = threading.Thread(target=close, daemon=True)
         thread.start()
         thread.join(_LAST_WORD_S)
+
+
+def _make_environment(client: SyncPrefectClient) -> dict[str, str]:
+    """The environment of an inspection: the server of this run, and nothing of what a worker told this run alone.
+
+    Where this process has started a temporary server, the children use the same one.
+    """
+    shared = {name: value for name, value in os.environ.items() if not name.startswith(_OF_THIS_RUN)}
+    return shared | {"PREFECT_API_URL": str(client.api_url)}
 
 
 def _name(one: WaitingCampaign) -> str:

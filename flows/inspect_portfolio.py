@@ -37,6 +37,7 @@ from tasks.portfolio.report import notify, read_found, report_portfolio
 
 log = logging.getLogger("facadelake.flows")
 
+_NEED_A_PERSON = ("too_large", "unreadable")
 _INSPECTION = "flows.inspect_building"
 
 
@@ -63,7 +64,7 @@ def inspect_portfolio(
         The report, which is also written to ``portfolio/`` in the lake.
 
     Raises:
-        PortfolioError: campaigns failed, or are too large for this machine; the others are done.
+        PortfolioError: campaigns failed, cannot be read, or are too large for this machine; the others are done.
         StoreError: another inspection of the portfolio is running.
     """
     work = prepare_work(portfolio, lake, settings, code_sha256=compute_code_version(_INSPECTION).sha256)
@@ -87,13 +88,13 @@ def inspect_portfolio(
         problems = notify(report, work.settings.notify, told)
         for problem in problems:
             log.warning("%s", problem)
-        report = replace(report, remarks=problems)
+        report = replace(report, remarks=(*report.remarks, *problems))
         if work.settings.notify.to and not problems:
             _remember_overdue(work, plan, report)
         path = report_portfolio(report, work.lake)
     failed = [f"{one.building_id} {one.campaign_id}: {one.problem}" for one in report.list_failed()]
     failed += [
-        f"{one.building_id} {one.campaign_id}: {one.reason}" for one in report.left_out if one.kind == "too_large"
+        f"{one.building_id} {one.campaign_id}: {one.reason}" for one in report.left_out if one.kind in _NEED_A_PERSON
     ]
     if failed:
         reasons = "\n  ".join(failed)
@@ -153,6 +154,7 @@ def _build_report(work: PortfolioWork, plan: PortfolioPlan, outcomes: list[Campa
         dates=tuple(
             find_building_dates(one, committed[one.id], plan.logs[one.id], now) for one in work.registered.buildings
         ),
+        remarks=plan.remarks,
     )
 
 

@@ -56,6 +56,8 @@ def show_plan(console: Console, plan: PortfolioPlan, limits: InspectionLimits) -
             console.print(table)
         elif empty:
             console.print(empty)
+    for remark in plan.remarks:
+        console.print(remark, highlight=False, markup=False)
     for date in plan.dates:
         for remark in date.remarks:
             console.print(f"{date.building_id}: {remark}", highlight=False, markup=False)

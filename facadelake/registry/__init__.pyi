@@ -1,3 +1,4 @@
+from .building import CAMPAIGN as CAMPAIGN
 from .building import Building as Building
 from .portfolio import Portfolio as Portfolio
 from .portfolio import read_portfolio as read_portfolio

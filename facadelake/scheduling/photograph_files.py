@@ -15,7 +15,7 @@ from pathlib import Path
 
 from facadelake.core.hashing import compute_key, hash_file
 from facadelake.photos import find_photographs
-from facadelake.registry import Building, CocoDetectorSetting
+from facadelake.registry import CAMPAIGN, Building, CocoDetectorSetting
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,7 +132,7 @@ def compute_fingerprint(building: Building, campaign_id: str, *, code_sha256: st
     ]  # fmt: skip
     detector = building.detector
     templates += [detector.file] if isinstance(detector, CocoDetectorSetting) else [detector.model, detector.card]
-    named = [Path(text.replace("{campaign}", campaign_id)) for text in templates if text]
+    named = [Path(text.replace(CAMPAIGN, campaign_id)) for text in templates if text]
     files = {str(path): path for top in (photographs, *named) for path in _walk_files(top)}
     settings = building.model_dump(mode="json", exclude={"schedule", "priority", "intake", "name"})
     listing = {name: _record(path) for name, path in sorted(files.items())}

@@ -9,10 +9,10 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Literal
 
-from facadelake.core.errors import FacadelakeError, StoreError
+from facadelake.core.errors import FacadelakeError, InputDataError, StoreError
 from facadelake.core.hashing import compute_key
 from facadelake.photos import summarise_photographs
-from facadelake.registry import Building, Portfolio
+from facadelake.registry import CAMPAIGN, Building, Portfolio
 from facadelake.scheduling.building_log import BuildingLog, read_building_log
 from facadelake.scheduling.committed import (
     CommittedBuilding,
@@ -64,12 +64,16 @@ class LeftOutCampaign:
 
 @dataclass(frozen=True, kw_only=True)
 class PortfolioPlan:
-    """``waiting`` is in the order of inspection; ``logs`` are to be written once the plan is carried out."""
+    """``waiting`` is in the order of inspection; ``logs`` are to be written once the plan is carried out.
+
+    ``remarks`` are what else is to be told.
+    """
 
     waiting: tuple[WaitingCampaign, ...]
     left_out: tuple[LeftOutCampaign, ...]
     dates: tuple[InspectionDates, ...]
     logs: dict[str, BuildingLog]
+    remarks: tuple[str, ...] = ()
 
 
 def plan_portfolio(
@@ -99,15 +103,18 @@ def plan_portfolio(
     left_out: list[LeftOutCampaign] = []
     dates: list[InspectionDates] = []
     logs: dict[str, BuildingLog] = {}
+    remarks: list[str] = []
     for building in portfolio.buildings:
         held = committed[building.id]
         try:
-            log, damage = read_building_log(lake, building.id, now), tuple[str, ...]()
+            log = read_building_log(lake, building.id, now)
         except StoreError as error:
-            log, damage = BuildingLog(registered_at=now), (str(error),)
+            log = BuildingLog(registered_at=now)
+            remarks.append(f"{building.id}: {error}")
         logs[building.id] = log
         found = find_building_dates(building, held, log, now)
-        dates.append(replace(found, remarks=(*found.remarks, *damage)))
+        dates.append(found)
+        remarks += _remark_missing_folder(building)
         queue = []
         for campaign_id in building.list_campaigns():
             try:
@@ -130,6 +137,7 @@ def plan_portfolio(
         left_out=tuple(left_out),
         dates=tuple(dates),
         logs=logs,
+        remarks=tuple(remarks),
     )
 
 
@@ -162,9 +170,12 @@ def _plan_campaign(
     check_upload: UploadCheck,
 ) -> WaitingCampaign | LeftOutCampaign | None:
     """The campaign as it is to be planned; None: it is in the lake as it is."""
-    folder = building.locate_photographs(campaign_id)
-    files = list_photograph_files(folder)
     here = held.campaigns.get(campaign_id)
+    try:
+        folder = building.locate_photographs(campaign_id)
+    except InputDataError as error:  # one that the portfolio lists, and that is not flown yet, or archived
+        return _leave_out(building, campaign_id, "no_photographs", str(error)) if here is None else None
+    files = list_photograph_files(folder)
     if not files and here is None:
         return _leave_out(building, campaign_id, "no_photographs", f"there are no photographs in {folder}")
     reason = "new"
@@ -213,6 +224,18 @@ def _plan_campaign(
         ),
         fingerprint=fingerprint,
     )
+
+
+def _remark_missing_folder(building: Building) -> list[str]:
+    """That nothing of a building can wait, because the folder in which its campaigns are looked for is not there."""
+    before, has_campaigns, _ = building.photographs.partition(CAMPAIGN)
+    parent = Path(before) if before.endswith("/") else Path(before).parent
+    if not has_campaigns or parent.is_dir():
+        return []
+    return [
+        f"{building.id}: {parent}, in which its campaigns are looked for, does not exist, so that none can wait; mount "
+        "the disk, or correct 'photographs' in the portfolio"
+    ]
 
 
 def _leave_out(building: Building, campaign_id: str, kind: LeftOutKind, reason: str) -> LeftOutCampaign:

@@ -81,7 +81,7 @@ class ProcessesSideBySide:
             module: dotted name of its module.
             job: values that JSON can represent; "parent" is added.
             folder: folder for the job and the worker's log, ``worker.log``.
-            environment: variables besides those of this process.
+            environment: variables of the worker, but PYTHONPATH, which is that of this process.
         """
         folder.mkdir(parents=True, exist_ok=True)
         job_path = folder / "job.json"
@@ -92,7 +92,7 @@ class ProcessesSideBySide:
                 stdout=subprocess.PIPE,
                 stderr=log,
                 stdin=subprocess.DEVNULL,
-                env=os.environ | dict(environment) | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+                env=dict(environment) | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
                 start_new_session=True,  # Ctrl-C reaches this process alone, which then ends the workers
             )
         one = _Running(name=name, process=process, started_s=time.monotonic())

@@ -76,7 +76,7 @@ def test_each_end_is_told_and_one_crash_stops_no_other(
         ProcessesSideBySide() as processes,
     ):
         for does in ("good", "crash", "exit"):
-            processes.start(does, module, {"does": does}, tmp_path / does, environment={})
+            processes.start(does, module, {"does": does}, tmp_path / does, environment=os.environ)
         while processes.list_running():
             ended.update({one.name: one for one in processes.wait(30)})
     assert {name: one.problem for name, one in ended.items()} == {
@@ -93,7 +93,7 @@ def test_each_end_is_told_and_one_crash_stops_no_other(
 def test_workers_that_ignore_an_end_are_killed_within_five_seconds(module: str, tmp_path: Path) -> None:
     begin = time.monotonic()
     with ProcessesSideBySide(grace_s=1) as processes:
-        processes.start("stay", module, {"does": "stay"}, tmp_path / "stay", environment={})
+        processes.start("stay", module, {"does": "stay"}, tmp_path / "stay", environment=os.environ)
         while not _find_children():
             assert not processes.wait(0.2)
             assert time.monotonic() - begin < 30
@@ -117,9 +117,9 @@ def test_a_worker_ends_with_the_process_that_started_it(module: str, tmp_path: P
         "from facadelake.core.processes.side_by_side import ProcessesSideBySide\n"
         "with ProcessesSideBySide() as processes:\n"
         f"    folder = Path({str(tmp_path / 'orphan')!r})\n"
-        f"    processes.start('stay', {module!r}, {{'does': 'stay'}}, folder, environment={{}})\n"
+        f"    processes.start('stay', {module!r}, {{'does': 'stay'}}, folder, environment=os.environ)\n"
         "    print(psutil.Process().children()[0].pid, flush=True); processes.wait(60)\n"
-    ).replace("import sys", "import psutil, sys")
+    ).replace("import sys", "import os, psutil, sys")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *filter(None, sys.path)])}
     with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, env=environment) as parent:
         assert parent.stdout is not None

@@ -231,6 +231,18 @@ def test_an_empty_folder_and_a_damaged_log_are_told(tmp_path: Path, lake: dict[s
     path = tmp_path / "lake" / "portfolio" / "buildings" / "wall.json"
     path.parent.mkdir(parents=True)
     path.write_text("{")
-    (remark,) = plan(tmp_path, registered).dates[0].remarks
-    assert remark.startswith(f"{path} cannot be read (")
+    (remark,) = plan(tmp_path, registered).remarks
+    assert remark.startswith(f"wall: {path} cannot be read (")
     assert remark.endswith("it is begun anew: campaigns that failed before are tried again")
+
+
+def test_a_disk_that_is_not_there_and_a_campaign_that_is_not_flown_yet_are_told(
+    tmp_path: Path, lake: dict[str, CommittedBuilding]
+) -> None:
+    registered = portfolio(tmp_path, away={}, listed={"photographs": "listed", "campaigns": ["2026-10"]})
+    found = plan(tmp_path, registered)
+    assert found.remarks == (
+        f"away: {tmp_path / 'away'}, in which its campaigns are looked for, does not exist, so that none can wait; "
+        "mount the disk, or correct 'photographs' in the portfolio",
+    )
+    assert "does not exist (campaigns with photographs: 2026-10)" in reasons(found)["no_photographs"]
