@@ -93,7 +93,7 @@ class CampaignRuns:
         flow_run_id = _create_flow_run(client, parameters, name=_name(one))
         self._flow_runs[_name(one)] = flow_run_id
         job = {"flow_run_id": str(flow_run_id), "parameters": parameters}
-        processes.start(_name(one), _MODULE, job, self._locate_job(one), environment=_make_environment(client))
+        processes.start(_name(one), _MODULE, job, self._locate_job(one), environment=make_environment(client))
 
     def _locate_job(self, one: WaitingCampaign) -> Path:
         return self.folder / one.building_id / one.campaign_id
@@ -174,13 +174,13 @@ class CampaignRuns:
         thread.join(_LAST_WORD_S)
 
 
-def _make_environment(client: SyncPrefectClient) -> dict[str, str]:
+def make_environment(client: SyncPrefectClient) -> dict[str, str]:
     """The environment of an inspection: the server of this run, and nothing of what a worker told this run alone.
 
     Where this process has started a temporary server, the children use the same one.
     """
     shared = {name: value for name, value in os.environ.items() if not name.startswith(_OF_THIS_RUN)}
-    return shared | {"PREFECT_API_URL": str(client.api_url)}
+    return shared | {"PREFECT_API_URL": str(client.api_url).rstrip("/")}
 
 
 def _name(one: WaitingCampaign) -> str:

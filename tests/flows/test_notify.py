@@ -9,9 +9,11 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
 import pytest
+from prefect.client.orchestration import SyncPrefectClient
 
 from facadelake.core.errors import StoreError
 from facadelake.registry import NotifySetting
+from flows.campaign_runs import make_environment
 from flows.inspect_portfolio import hold_portfolio
 from tasks.portfolio.report import load_notification_block, notify
 from tests.unit.scheduling.test_report import ALL, REPORT
@@ -83,3 +85,15 @@ def test_a_second_inspection_of_the_portfolio_is_refused(tmp_path: Path) -> None
     assert str(raised.value) == (
         f"another inspection of the portfolio is running with the lake {tmp_path}; wait until it ends"
     )
+
+
+def test_an_inspection_gets_nothing_by_which_a_worker_controls_the_run_of_the_portfolio(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("PREFECT__FLOW_RUN_ID", "that of the portfolio")
+    monkeypatch.setenv("FACADELAKE_DEMO", "/demo")
+    with SyncPrefectClient("http://127.0.0.1:9/api") as client:
+        environment = make_environment(client)
+    assert "PREFECT__FLOW_RUN_ID" not in environment
+    assert environment["FACADELAKE_DEMO"] == "/demo"
+    assert environment["PREFECT_API_URL"] == "http://127.0.0.1:9/api"
