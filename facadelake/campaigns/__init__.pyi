@@ -1,6 +1,7 @@
 from .capture_order import CampaignOrder as CampaignOrder
 from .capture_order import find_earlier_campaigns as find_earlier_campaigns
 from .capture_order import order_by_capture as order_by_capture
+from .capture_order import resolve_capture_time as resolve_capture_time
 from .committed import read_committed_model as read_committed_model
 from .committed import read_committed_tables as read_committed_tables
 from .grids import check_grids as check_grids

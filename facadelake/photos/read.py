@@ -203,8 +203,8 @@ def summarise_photographs(paths: Iterable[Path]) -> PhotographSummary:
             try:
                 with Image.open(path) as image:
                     width, height = image.size
-                    taken_at = read_exif(image.getexif(), width_px=width).taken_at
-            except Exception:  # Pillow raises whatever damaged bytes lead to
+                    taken_at = read_exif(_get_exif(image)[0], width_px=width).taken_at
+            except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
                 continue
             largest = max(largest, width * height)
             if taken_at is not None and is_clock_set(taken_at):
@@ -217,13 +217,4 @@ def summarise_photographs(paths: Iterable[Path]) -> PhotographSummary:
 def find_first_capture_time(root: Path) -> datetime | None:
     """The earliest time that EXIF of the photographs below ``root`` states; None where it states none, or no clock was
     set. No pixels are decoded, so that a file that is cut off counts, too."""
-    found = []
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # reading the campaign tells them
-        for path in find_photographs(root):
-            try:
-                with Image.open(path) as image:
-                    found.append(read_exif(_get_exif(image)[0], width_px=image.width).taken_at)
-            except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
-                continue
-    return min((time for time in found if time is not None and is_clock_set(time)), default=None)
+    return summarise_photographs(find_photographs(root)).captured_from

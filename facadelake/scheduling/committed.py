@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 
+from facadelake.campaigns import resolve_capture_time
+from facadelake.core.errors import InputDataError
 from facadelake.lake import has_lake, query
 from facadelake.scheduling.due_dates import CapturedCampaign
 from facadelake.scheduling.memory_need import CampaignSize, MeasuredRun, parse_peak
@@ -21,7 +22,6 @@ ORDER BY r.finished_at
 _PHOTOGRAPHS = """
 SELECT building_id, campaign_id, photo_id, sha256, bytes, image_width_px, image_height_px FROM photos
 """
-_DATE = re.compile(r"(\d{4})(?:\D?(\d{2}))?(?:\D?(\d{2}))?")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +64,7 @@ class CommittedBuilding:
             if one.captured_to is not None:
                 captured.append(CapturedCampaign(campaign_id=one.campaign_id, captured_to=one.captured_to))
                 continue
-            dated = parse_date(one.campaign_id)
+            dated = find_flown_at(one.campaign_id, None)
             if dated is None:
                 remarks.append(
                     f"campaign {one.campaign_id}: its photographs tell no capture time and its id no date, so it "
@@ -76,15 +76,11 @@ class CommittedBuilding:
         return captured, remarks
 
 
-def parse_date(campaign_id: str) -> datetime | None:
-    """The date that an id such as 2026-04 begins with; None: it begins with none."""
-    found = _DATE.match(campaign_id)
-    if found is None:
-        return None
-    year, month, day = (int(part) if part else 1 for part in found.groups())
+def find_flown_at(campaign_id: str, captured_at: datetime | None) -> datetime | None:
+    """When a campaign was flown, by its photographs, else by its id; None: neither tells."""
     try:
-        return datetime(year, month, day, tzinfo=UTC)
-    except ValueError:
+        return resolve_capture_time(campaign_id, captured_at)[0]
+    except InputDataError:
         return None
 
 

@@ -17,7 +17,7 @@ from facadelake.scheduling.building_log import BuildingLog, read_building_log
 from facadelake.scheduling.committed import (
     CommittedBuilding,
     CommittedCampaign,
-    parse_date,
+    find_flown_at,
     read_committed_buildings,
 )
 from facadelake.scheduling.due_dates import InspectionDates, find_dates
@@ -213,7 +213,7 @@ def _plan_campaign(
         reason=reason,
         priority=building.priority,
         legal_overdue=dates.legal_overdue,
-        captured_from=summary.captured_from or parse_date(campaign_id),
+        captured_from=find_flown_at(campaign_id, summary.captured_from),
         photographs=len(files),
         need=find_memory_need(
             CampaignSize(photographs=len(files), largest_px=summary.largest_px),

@@ -246,3 +246,17 @@ def test_a_disk_that_is_not_there_and_a_campaign_that_is_not_flown_yet_are_told(
         "mount the disk, or correct 'photographs' in the portfolio",
     )
     assert "does not exist (campaigns with photographs: 2026-10)" in reasons(found)["no_photographs"]
+
+
+def test_a_campaign_without_capture_times_is_of_the_date_in_its_id_and_else_counts_for_none() -> None:
+    none = {"captured_to": None, "run_id": "r", "started_at": NOW, "peak_mib": None}
+    held = CommittedBuilding(
+        campaigns={name: CommittedCampaign(campaign_id=name, **none) for name in ("2025-10", "facade")}
+    )
+    captured, remarks = held.list_captured()
+    assert [(one.campaign_id, one.captured_to) for one in captured] == [("2025-10", datetime(2025, 10, 1, tzinfo=UTC))]
+    assert remarks == [
+        "campaign 2025-10: its photographs tell no capture time; its id is its date",
+        "campaign facade: its photographs tell no capture time and its id no date, so it counts for no date of "
+        "inspection; rename its folder, such as to 2026-04",
+    ]
