@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from enum import StrEnum
 from pathlib import PurePosixPath
 
@@ -30,12 +30,15 @@ class FileKind(StrEnum):
     PHOTOGRAPH = "photograph"
     BESIDE = "beside"  # received with the photographs
     UNFINISHED = "unfinished"  # a transfer that has not ended
+    MISNAMED = "misnamed"  # its name is not UTF-8
     LEFT_OUT = "left_out"
 
 
 def classify_file(file: ListedFile) -> FileKind:
     """The kind of a file by its name; of one without a suffix the content decides, once it is received."""
     path = PurePosixPath(file.path)
+    if "\ufffd" in file.path:
+        return FileKind.MISNAMED
     if any(part in ("", ".", "..") for part in file.path.split("/")) or "\\" in file.path:
         return FileKind.LEFT_OUT
     if path.suffix.lower() in _UNFINISHED_SUFFIXES or _RSYNC.fullmatch(path.name) or _SYNCTHING.fullmatch(path.name):
@@ -50,6 +53,7 @@ def classify_file(file: ListedFile) -> FileKind:
 def describe_left_out(files: Iterable[ListedFile]) -> list[str]:
     """What is not received, in words: kinds by their number, and unfinished transfers by name."""
     files = list(files)
+    misnamed = [file.path for file in files if classify_file(file) is FileKind.MISNAMED]
     unfinished = [file.path for file in files if classify_file(file) is FileKind.UNFINISHED]
     suffixes = Counter(
         PurePosixPath(file.path).suffix.lower() or "no suffix"
@@ -60,9 +64,12 @@ def describe_left_out(files: Iterable[ListedFile]) -> list[str]:
     if suffixes:
         counted = ", ".join(f"{count} {suffix}" for suffix, count in sorted(suffixes.items()))
         lines.append(f"{LEFT_OUT}, as they are no photographs: {counted}")
+    if misnamed:
+        lines.append(f"{LEFT_OUT}, as their names are not UTF-8: {_list_first(misnamed)}; rename them")
     if unfinished:
-        more = f" and {len(unfinished) - 3} more" if len(unfinished) > 3 else ""
-        lines.append(
-            f"{LEFT_OUT}, as their transfer has not ended: {', '.join(unfinished[:3])}{more}; transfer them again"
-        )
+        lines.append(f"{LEFT_OUT}, as their transfer has not ended: {_list_first(unfinished)}; transfer them again")
     return lines
+
+
+def _list_first(names: Sequence[str]) -> str:
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

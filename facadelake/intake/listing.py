@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 from pyarrow import fs
 
@@ -41,30 +41,40 @@ def list_folder(filesystem: fs.FileSystem, root: str) -> list[ListedFile]:
     Links of a file system are not followed: they can lead in circles, and to files that are no part of the upload.
     Raises OSError where the folder cannot be listed.
     """
+    listed = _walk(Path(root)) if isinstance(filesystem, fs.LocalFileSystem) else _list_objects(filesystem, root)
+    return sorted((file for file in listed if not _is_of_system(file.path)), key=lambda file: file.path)
+
+
+def _walk(folder: Path, below: str = "") -> Iterator[ListedFile]:
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            path = below + show_name(entry.name)
+            try:
+                if entry.is_dir(follow_symlinks=False):
+                    yield from _walk(Path(entry.path), f"{path}/")
+                elif entry.is_file(follow_symlinks=False):
+                    found = entry.stat(follow_symlinks=False)
+                    yield ListedFile(path=path, bytes=found.st_size, modified_ns=found.st_mtime_ns)
+            except FileNotFoundError:  # it went while the folder was listed, such as a program's temporary file
+                continue
+
+
+def show_name(name: str) -> str:
+    """The name of a file as text: bytes that are no UTF-8, such as of an archive of another system, are replaced."""
+    return os.fsencode(name).decode("utf-8", "replace")
+
+
+def _list_objects(filesystem: fs.FileSystem, root: str) -> list[ListedFile]:
+    # A prefix under which nothing has arrived yet is not there; a bucket that is not there is a mistake.
+    infos = filesystem.get_file_info(fs.FileSelector(root, recursive=True, allow_not_found=True))
+    if not infos:
+        _require_bucket(filesystem, root.strip("/").partition("/")[0])
     prefix = root.rstrip("/") + "/"
-    files = [
-        ListedFile(path=info.path.removeprefix(prefix), bytes=info.size or 0, modified_ns=info.mtime_ns or 0)
-        for info in _walk(filesystem, root)
+    return [
+        ListedFile(path=info.path.removeprefix(prefix), bytes=info.size, modified_ns=info.mtime_ns or 0)
+        for info in infos
         if info.type == fs.FileType.File
     ]
-    return sorted((file for file in files if not _is_of_system(file.path)), key=lambda file: file.path)
-
-
-def _walk(filesystem: fs.FileSystem, folder: str) -> Iterator[Any]:
-    if not isinstance(filesystem, fs.LocalFileSystem):
-        # A prefix under which nothing has arrived yet is not there; a bucket that is not there is a mistake.
-        infos = filesystem.get_file_info(fs.FileSelector(folder, recursive=True, allow_not_found=True))
-        if not infos:
-            _require_bucket(filesystem, folder.strip("/").partition("/")[0])
-        yield from infos
-        return
-    for info in filesystem.get_file_info(fs.FileSelector(folder)):
-        if Path(info.path).is_symlink():
-            continue
-        if info.type == fs.FileType.Directory:
-            yield from _walk(filesystem, info.path)
-        else:
-            yield info
 
 
 def _require_bucket(filesystem: fs.FileSystem, bucket: str) -> None:

@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 from pyarrow import fs
 
 from facadelake.core.errors import StoreError
-from facadelake.intake.listing import ListedFile, list_folder
+from facadelake.intake.listing import ListedFile, list_folder, show_name
 
 _S3 = "s3://"
 _CONNECT_TIMEOUT_S = 10
@@ -87,20 +87,24 @@ class UploadSource:
 
     def _list_folders(self) -> SourceListing:
         """Folder by folder, as some may belong to others; one that is empty is an upload, too."""
-        with self.explain_errors():
-            infos = self.filesystem.get_file_info(fs.FileSelector(self.root))
+        with self.explain_errors(), os.scandir(self.root) as entries:
+            found = sorted(entries, key=lambda entry: entry.name)
         uploads, unreadable = {}, {}
-        for info in sorted(infos, key=lambda info: str(info.base_name)):
-            if info.type == fs.FileType.Directory and not info.base_name.startswith("."):
-                try:
-                    if not Path(info.path).is_symlink():
-                        uploads[info.base_name] = self.list_upload(info.base_name)
-                except StoreError as error:
-                    unreadable[info.base_name] = str(error)
+        for entry in found:
+            name = show_name(entry.name)
+            if not entry.is_dir(follow_symlinks=False) or name.startswith("."):
+                continue
+            if name != entry.name:
+                unreadable[name] = f"the name of its folder '{name}' is not UTF-8; rename it"
+                continue
+            try:
+                uploads[name] = self.list_upload(name)
+            except StoreError as error:
+                unreadable[name] = str(error)
         loose = tuple(
-            ListedFile(path=info.base_name, bytes=info.size, modified_ns=info.mtime_ns)
-            for info in infos
-            if info.type == fs.FileType.File
+            ListedFile(path=show_name(entry.name), bytes=0, modified_ns=0)
+            for entry in found
+            if entry.is_file(follow_symlinks=False)
         )
         return SourceListing(uploads=uploads, unreadable=unreadable, loose=loose)
 

@@ -248,3 +248,24 @@ def test_a_campaign_appears_as_a_whole_whatever_the_path_of_its_photographs(plac
     assert building.list_campaigns() == ("2026-04",)
     assert len(list(building.locate_photographs("2026-04").iterdir())) == 3
     assert not list((place.root / "photographs").rglob(".*"))
+
+
+def test_names_that_are_not_utf_8_are_told_and_stop_nothing(place: MadePlace) -> None:
+    place.upload_photographs("2026-04", range(2))
+    folder = os.fsencode(str(place.root / "uploads" / "mill"))
+    Path(os.fsdecode(folder + b"/2026-04/\xe4.JPG")).write_bytes(photograph(48.9405, 8.4078, seed=7))
+    Path(os.fsdecode(folder + b"/H\xe4user")).mkdir()
+    report = place.run_until_quiet()
+    upload = get_upload(report, "2026-04")
+    assert upload.state is UploadState.RECEIVED
+    assert "left out, as their names are not UTF-8: \ufffd.JPG; rename them" in upload.remarks
+    assert get_upload(report, "H\ufffduser").reason == "the name of its folder 'H\ufffduser' is not UTF-8; rename it"
+
+
+def test_names_with_odd_characters_are_kept(place: MadePlace) -> None:
+    names = sorted(["new\nline.JPG", "[bold]x[/bold].JPG", "\u00fc" * 120 + ".JPG", "it's (1).JPG"])
+    for seed, name in enumerate(names):
+        place.upload(f"2026-04/{name}", photograph(48.9405, 8.4078, seed=seed))
+    os.mkfifo(place.root / "uploads" / "mill" / "2026-04" / "pipe.JPG")
+    assert get_upload(place.run_until_quiet(), "2026-04").state is UploadState.RECEIVED
+    assert place.list_received("2026-04") == names
