@@ -19,7 +19,7 @@ _BYTES_PER_DECODED_PIXEL = 5  # of sfm/worker/features.py, which limits its thre
 _BYTES_PER_SCALE_SPACE_PIXEL = 40
 _ADJUSTMENT_MIB_PER_PHOTOGRAPH = 6  # 1.8 GB of 300 photographs, 5.7 GB of 1,000
 _ESTIMATE_MARGIN = 1.2
-_MEASURED_MARGIN = 1.1  # runs of one campaign differ by a few percent
+_MEASURED_MARGIN = 1.3  # drawing, after the commit, is not in table runs; it took up to 1.2 times the stages' peak
 _KILLED_MARGIN = 1.5  # it needed more than it had when it was killed
 _RUNS = 3
 
