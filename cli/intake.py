@@ -7,35 +7,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cli.options import console
+from cli.options import DEFAULT_SETTINGS, OtherLakePath, OtherPortfolioPath, SettingsPath, console, read_settings_at
 
 if TYPE_CHECKING:
-    from facadelake.registry import ServiceSettings
+    pass
 
 intake = typer.Typer(invoke_without_command=True, rich_markup_mode="rich")
-
-SettingsFile = Annotated[
-    Path,
-    typer.Option(
-        "--settings",
-        envvar="FACADELAKE_SETTINGS",
-        help="The service's settings; without a file of this name, the defaults.",
-    ),
-]
-OtherPortfolio = Annotated[
-    Path | None, typer.Option("--portfolio", envvar="FACADELAKE_PORTFOLIO", help="Another portfolio than theirs.")
-]
-OtherLake = Annotated[
-    Path | None, typer.Option("--lake", envvar="FACADELAKE_LAKE", help="Another lake than that of the settings.")
-]
-DEFAULT_SETTINGS = Path("facadelake.yaml")
 
 
 @intake.callback()
 def list_uploads(
     context: typer.Context,
-    settings: SettingsFile = DEFAULT_SETTINGS,
-    lake: OtherLake = None,
+    settings: SettingsPath = DEFAULT_SETTINGS,
+    lake: OtherLakePath = None,
     every: Annotated[bool, typer.Option("--all", help="Those that went from their source, too.")] = False,
 ) -> None:
     """List the uploads as of the last pass: state, since when, what is wrong with them and what to bring.
@@ -57,12 +41,12 @@ def list_uploads(
         from cli.terminal.intake import show_uploads
         from facadelake.intake import list_uploads as read_ledger
 
-        show_uploads(console, *read_ledger(_read_settings(settings, None, lake)), every=every)
+        show_uploads(console, *read_ledger(read_settings_at(settings, None, lake)), every=every)
 
 
 @intake.command()
 def receive(
-    settings: SettingsFile = DEFAULT_SETTINGS, portfolio: OtherPortfolio = None, lake: OtherLake = None
+    settings: SettingsPath = DEFAULT_SETTINGS, portfolio: OtherPortfolioPath = None, lake: OtherLakePath = None
 ) -> None:
     """Make one pass now, as the service does every few minutes: observe all sources, receive what is complete.
 
@@ -74,17 +58,9 @@ def receive(
     from facadelake.intake import UploadState, receive_complete_uploads
     from facadelake.registry import read_portfolio
 
-    service = _read_settings(settings, portfolio, lake)
+    service = read_settings_at(settings, portfolio, lake)
     report = receive_complete_uploads(read_portfolio(Path(service.portfolio)).buildings, service)
     show_uploads(console, report.uploads, report.problems, every=False)
     wrong = (UploadState.REFUSED, UploadState.FAILED)
     if report.problems or any(one.state in wrong and one.in_source for one in report.uploads):
         raise typer.Exit(1)
-
-
-def _read_settings(path: Path, portfolio: Path | None, lake: Path | None) -> ServiceSettings:
-    from facadelake.registry import read_service_settings
-
-    others = {"portfolio": portfolio, "lake": lake}
-    given = {key: str(value.resolve()) for key, value in others.items() if value is not None}
-    return read_service_settings(path).model_copy(update=given)

@@ -14,7 +14,7 @@ from facadelake.core.checkout import CHECKOUT
 from facadelake.core.errors import InputDataError
 
 if TYPE_CHECKING:
-    from facadelake.registry import Portfolio
+    from facadelake.registry import Portfolio, ServiceSettings
 
 # Where the output goes to a file or a pipe there is no width to keep to.
 console = Console(width=None if sys.stdout.isatty() else 160)
@@ -31,6 +31,21 @@ ExistingLakePath = Annotated[Path, typer.Option("--lake", envvar="FACADELAKE_LAK
 AnyPortfolioPath = Annotated[
     Path, typer.Option("--portfolio", help="Accepted as by every command; a query of the lake needs no portfolio.")
 ]
+SettingsPath = Annotated[
+    Path,
+    typer.Option(
+        "--settings",
+        envvar="FACADELAKE_SETTINGS",
+        help="Settings of the service: portfolio, lake, database, port, limits (docs/service.md). Every key has a "
+        "default, and so has the file.",
+    ),
+]
+OtherPortfolioPath = Annotated[
+    Path | None, typer.Option("--portfolio", envvar="FACADELAKE_PORTFOLIO", help="Another portfolio than theirs.")
+]
+OtherLakePath = Annotated[
+    Path | None, typer.Option("--lake", envvar="FACADELAKE_LAKE", help="Another lake than that of the settings.")
+]
 BuildingId = Annotated[str, typer.Argument(help="Id of the building in the portfolio.")]
 AsOf = Annotated[
     str | None,
@@ -45,6 +60,7 @@ CampaignId = Annotated[
 ]
 DEFAULT_PORTFOLIO = CHECKOUT / "data" / "portfolio.yaml"
 DEFAULT_LAKE = CHECKOUT / "lake"
+DEFAULT_SETTINGS = CHECKOUT / "facadelake.yaml"
 
 
 def require_lake(lake: Path) -> None:
@@ -85,3 +101,12 @@ def read_portfolio_at(path: Path) -> Portfolio:
     from facadelake.registry import read_portfolio
 
     return read_portfolio(path)
+
+
+def read_settings_at(path: Path, portfolio: Path | None = None, lake: Path | None = None) -> ServiceSettings:
+    """The service's settings at ``path``; ``portfolio`` and ``lake`` in place of theirs, where they are given."""
+    from facadelake.registry import read_service_settings
+
+    others = {"portfolio": portfolio, "lake": lake}
+    given = {key: str(value.resolve()) for key, value in others.items() if value is not None}
+    return read_service_settings(path).model_copy(update=given)

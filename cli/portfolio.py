@@ -7,15 +7,13 @@ from typing import Annotated
 
 import typer
 
-from cli.intake import OtherLake, OtherPortfolio, SettingsFile
-from cli.options import DEFAULT_LAKE, DEFAULT_PORTFOLIO, console
-from cli.service.commands import DEFAULT_SETTINGS
+from cli.options import DEFAULT_SETTINGS, OtherLakePath, OtherPortfolioPath, SettingsPath, console, read_settings_at
 
 
 def inspect_portfolio(
-    settings: SettingsFile = DEFAULT_SETTINGS,
-    portfolio: OtherPortfolio = None,
-    lake: OtherLake = None,
+    settings: SettingsPath = DEFAULT_SETTINGS,
+    portfolio: OtherPortfolioPath = None,
+    lake: OtherLakePath = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show what would be inspected, what not, and why; run nothing.")
     ] = False,
@@ -26,19 +24,17 @@ def inspect_portfolio(
     campaign. The report is in the lake's 'portfolio'. Exit status 1 where a campaign failed. More: docs/portfolio.md.
     """
     from cli.terminal.portfolio import inspect_portfolio_in_terminal, show_plan
-    from facadelake.registry import read_service_settings
 
-    if settings.exists():
-        service = read_service_settings(settings)
-        portfolio, lake = portfolio or Path(service.portfolio), lake or Path(service.lake)
+    service = read_settings_at(settings, portfolio, lake)
     file = settings.resolve() if settings.exists() else None
-    portfolio, lake = portfolio or DEFAULT_PORTFOLIO, lake or DEFAULT_LAKE
     if dry_run:
         from facadelake.core.code_version import compute_code_version
         from facadelake.scheduling import plan_work, prepare_work
 
         code = compute_code_version("flows.inspect_building").sha256
-        work = prepare_work(str(portfolio), str(lake), str(file) if file else None, code_sha256=code)
+        work = prepare_work(service.portfolio, service.lake, str(file) if file else None, code_sha256=code)
         show_plan(console, plan_work(work), work.limits)
     else:
-        inspect_portfolio_in_terminal(console, portfolio=portfolio, lake=lake, settings=file)
+        inspect_portfolio_in_terminal(
+            console, portfolio=Path(service.portfolio), lake=Path(service.lake), settings=file
+        )

@@ -11,24 +11,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table as RichTable
 
-from cli.options import console
+from cli.options import DEFAULT_SETTINGS, SettingsPath, console, read_portfolio_at, read_settings_at
 from facadelake.core.checkout import CHECKOUT
 from facadelake.core.errors import StoreError
-from facadelake.registry import SETTINGS_FILE, ServiceSettings, read_portfolio, read_service_settings
 
 if TYPE_CHECKING:
+    from facadelake.registry import ServiceSettings
     from flows.deployments import DeploymentPlan
 
-SettingsPath = Annotated[
-    Path,
-    typer.Option(
-        "--settings",
-        envvar="FACADELAKE_SETTINGS",
-        help="Settings of the service: portfolio, lake, database, port, limits (docs/service.md). Every key has a "
-        "default, and so has the file.",
-    ),
-]
-DEFAULT_SETTINGS = CHECKOUT / SETTINGS_FILE
 _LOG_LINES = 15
 
 
@@ -104,7 +94,7 @@ def deploy(
 
     from flows.deployments import apply_deployments, list_specs, plan_deployments
 
-    specs = list_specs(read_portfolio(Path(read.portfolio)), read, str(settings.resolve()))
+    specs = list_specs(read_portfolio_at(Path(read.portfolio)), read, str(settings.resolve()))
     with get_client(sync_client=True) as client:
         plan = plan_deployments(client, specs, read.lake)
         _show_plan(plan)
@@ -137,8 +127,8 @@ def systemd_unit(
 
 def _read(settings: Path) -> ServiceSettings:
     """The settings, with a portfolio that can be read."""
-    read = read_service_settings(settings)
-    read_portfolio(Path(read.portfolio))
+    read = read_settings_at(settings)
+    read_portfolio_at(Path(read.portfolio))
     return read
 
 
