@@ -30,6 +30,7 @@ from tasks.measure import measure
 from tasks.measure_coverage import measure_coverage
 from tasks.merge import merge_duplicates
 from tasks.reconstruct import reconstruct_block
+from tasks.record import list_earlier_references
 from tasks.register import list_registration_warnings, register
 from tasks.track import TrackedCampaigns, track
 from tasks.validate import validate_tables
@@ -116,7 +117,7 @@ def inspect_building(
         placed = import_poses(job, model, photos)
     else:
         block = reconstruct_block(job, photos)
-        placed = georeference_block(job, model, photos, block)
+        placed = georeference_block(job, model, photos, block, list_earlier_references(job, photos))
         if bare:
             model = make_as_built_model(job, model, block, placed)
     found = imported or detect(job, model, photos, placed)

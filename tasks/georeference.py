@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from prefect import task
 
 from facadelake.building import list_registered_readings, read_building
-from facadelake.campaigns import find_earlier_campaigns
 from facadelake.core.hashing import hash_file
 from facadelake.core.proj.crs import GEO
 from facadelake.core.tables import read_table, write_table
@@ -18,7 +18,7 @@ from facadelake.georeferencing import (
     build_poses_table,
     georeference_reconstruction,
 )
-from facadelake.georeferencing.campaign import REFERENCE_FILE, list_references, read_reference
+from facadelake.georeferencing.campaign import REFERENCE_FILE, read_reference
 from facadelake.georeferencing.gcp import read_surveyed_points
 from facadelake.georeferencing.model import build_model_control
 from facadelake.sfm import read_descriptors, read_reconstruction
@@ -30,9 +30,14 @@ SITE_FROM_SFM = "site_from_sfm.json"
 
 
 @task(name="georeference")
-def georeference_block(job: InspectionJob, model: StageResult, photos: StageResult, block: StageResult) -> StageResult:
+def georeference_block(
+    job: InspectionJob, model: StageResult, photos: StageResult, block: StageResult, earlier: Sequence[Path]
+) -> StageResult:
     """Tables ``poses``, ``georeference``, ``georeference_points`` and ``placement_checks``, and the reference for later
-    campaigns."""
+    campaigns.
+
+    ``earlier``: references of earlier campaigns of the building, the first one first.
+    """
     building, tolerances, crs = job.building, job.building.tolerances, job.building.crs
     gcp_file, check_file = (
         building.locate_control_points(job.campaign_id),
@@ -40,7 +45,7 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
     )
     # With GPS or model control, no earlier campaign is used.
     alone = job.control in (ControlKind.GPS, ControlKind.MODEL)
-    references = [] if alone else _list_earlier_references(job, photos)
+    references = [] if alone else list(earlier)
     root = building.locate_photographs(job.campaign_id)
     accepted = building.list_accepted_statements(job.campaign_id)
 
@@ -103,11 +108,3 @@ def georeference_block(job: InspectionJob, model: StageResult, photos: StageResu
     }
     reads = {"model": model, "photos": photos, "block": block}
     return run_stage(job, "georeference", reads=reads, inputs=inputs, make=make)
-
-
-def _list_earlier_references(job: InspectionJob, photos: StageResult) -> list[Path]:
-    """The references of the building's campaigns that were flown before this one, the first one first."""
-    table = read_table("photos", photos.folder)
-    return list_references(
-        job.lake, job.building.id, find_earlier_campaigns(job.lake, job.building.id, job.campaign_id, table)
-    )

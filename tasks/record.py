@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 from datetime import UTC, datetime
+from pathlib import Path
 
 import pyarrow as pa
 
 from facadelake.building import SURFACE_FILE, read_building
+from facadelake.campaigns import find_earlier_campaigns
 from facadelake.core.hashing import compute_key, hash_file
 from facadelake.core.tables import read_table
 from facadelake.detection import locate_model
+from facadelake.georeferencing.campaign import list_references
 from facadelake.lake import BuildingRecord, RunRecord, build_campaign_tables
 from facadelake.registry import OnnxDetectorSetting
 from schemas.vocabulary import SurfaceKind
-from tasks.job import InspectionJob, StageResults
+from tasks.job import InspectionJob, StageResult, StageResults
 
 
 def read_stage_tables(results: StageResults) -> dict[str, pa.Table]:
@@ -90,3 +93,13 @@ def _run_record(job: InspectionJob, results: StageResults, detections: pa.Table)
         stage_keys=json.dumps({stage.stage: stage.key for stage in results.list_results()}),
         stage_peak_mib=json.dumps({stage.stage: round(stage.peak_mib) for stage in fresh}),
     )
+
+
+def list_earlier_references(job: InspectionJob, photos: StageResult) -> tuple[Path, ...]:
+    """The references of the building's campaigns that were flown before this one, the first one first.
+
+    It is no part of the stage that reads them: which campaigns there are is a question to the lake.
+    """
+    table = read_table("photos", photos.folder)
+    earlier = find_earlier_campaigns(job.lake, job.building.id, job.campaign_id, table)
+    return tuple(list_references(job.lake, job.building.id, earlier))

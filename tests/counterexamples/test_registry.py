@@ -139,7 +139,7 @@ def test_a_missing_folder_of_photographs_names_the_campaigns_there_are(tmp_path:
     )
     listed = GOOD.replace("photos/{campaign}/images", 'photos\n    campaigns: ["2026-04", "2026-10"]')
     assert refused(hall(tmp_path, listed), "2026-05") == (
-        "building 'hall' has no campaign '2026-05' (did you mean '2026-10'?); it has 2026-04, 2026-10 (key 'campaigns')"
+        "building 'hall' has no campaign '2026-05' (did you mean '2026-04'?); it has 2026-04, 2026-10 (key 'campaigns')"
     )
 
 
