@@ -112,7 +112,8 @@ def test_without_a_lake(tmp_path: Path) -> None:
 # What writes the lake and adds to its newest state, or does not read its tables.
 _NEWEST_ONLY = {
     "inspect", "demo", "regrade", "review import", "review track", "track", "cache list", "cache prune",
-    "evaluate-detector", "describe-detector", "doctor", "promote-model", "serve-prefect",
+    "evaluate-detector", "describe-detector", "doctor", "promote-model", "up", "down", "status", "deploy",
+    "systemd-unit", "intake receive", "inspect-portfolio",
 }  # fmt: skip
 
 
