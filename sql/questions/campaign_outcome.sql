@@ -1,7 +1,7 @@
 -- grain: campaign
 -- meaning: what an inspection found: defects, those with the worst grade of their rule pack, and the states of the building's tracks in the campaign
--- $building_id: the building; left out, all of them
--- $campaign_id: the campaign; left out, all of them
+-- $building_id [campaigns.building_id]: the building; left out, all of them
+-- $campaign_id [campaigns.campaign_id]: the campaign; left out, all of them
 WITH graded AS (
     SELECT
         d.building_id,

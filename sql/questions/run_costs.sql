@@ -1,6 +1,6 @@
 -- grain: run
 -- meaning: the trend of what inspections cost, by building in order of the runs: time of the stages that were made (those from the cache take none), photographs per second, peak memory, and the last two against their mean over the building's runs before. Speed and trend are of runs that read their photographs; a run that was replaced is in earlier versions (--as-of)
--- $building_id: the building; left out, all of them
+-- $building_id [campaigns.building_id]: the building; left out, all of them
 WITH costs AS (
     SELECT
         r.building_id,

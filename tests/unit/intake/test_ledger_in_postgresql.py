@@ -7,6 +7,7 @@ import pwd
 import shutil
 import socket
 import subprocess
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,13 +36,12 @@ class MadeDatabase:
 
 
 @pytest.fixture
-def database(tmp_path: Path) -> Iterator[MadeDatabase]:
-    """A PostgreSQL server on a free port; it does not run as root."""
+def database() -> Iterator[MadeDatabase]:
+    """A PostgreSQL server on a free port; it does not run as root, who alone may enter the folders of the tests."""
     if not PROGRAMS:
         pytest.skip("PostgreSQL is not installed (apt-get install postgresql)")
     run_as: dict[str, int] = {}
-    home = tmp_path / "postgresql"
-    home.mkdir()
+    home = Path(tempfile.mkdtemp(prefix="facadelake-postgresql-"))
     if os.getuid() == 0:
         try:
             owner = pwd.getpwnam("postgres")
@@ -49,8 +49,6 @@ def database(tmp_path: Path) -> Iterator[MadeDatabase]:
             pytest.skip("PostgreSQL does not run as root, and there is no user 'postgres'")
         run_as = {"user": owner.pw_uid, "group": owner.pw_gid}
         os.chown(home, owner.pw_uid, owner.pw_gid)
-        for folder in [tmp_path, *tmp_path.parents][:3]:
-            folder.chmod(0o755)
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]

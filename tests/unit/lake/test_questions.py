@@ -131,7 +131,9 @@ def test_query_asks_the_guard_and_leaves_the_lake_alone(lake: Path) -> None:
 
 
 def test_mistakes_are_named(lake: Path) -> None:
-    with pytest.raises(InputDataError, match=r"no question defects_by_colour.*; there are campaigns, "):
+    with pytest.raises(
+        InputDataError, match=r"no question defects_by_colour.*; there are campaign_outcome, campaigns, "
+    ):
         answer_question(lake, "defects_by_colour")
     with pytest.raises(InputDataError, match="no parameter colour; it has building_id, campaign_id"):
         answer_question(lake, "defects_by_storey", {"colour": "red"})
