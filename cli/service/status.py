@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -15,9 +16,12 @@ from rich.table import Table as RichTable
 
 from cli.prefect_server import configure_prefect, find_running_server
 from cli.service.supervisor import find_service
+from facadelake.intake import UploadState, describe_upload, list_uploads
 from facadelake.registry import ServiceSettings
+from facadelake.scheduling import PORTFOLIO_FOLDER
 
 _LISTED = 8  # runs of a kind
+_NEED_A_PERSON = (UploadState.REFUSED, UploadState.FAILED, UploadState.STALLED)
 _WORKER_SILENCE_MAX = timedelta(seconds=90)  # a worker reports every 30 s
 
 
@@ -33,7 +37,11 @@ class RunLine:
 
 @dataclass(frozen=True, kw_only=True)
 class ServiceStatus:
-    """What the service does. ``workers``: name and last sign of life of each; ``address`` None: no server answers."""
+    """What the service does.
+
+    ``workers``: name and last sign of life of each. ``address``: None: no server answers. ``uploads``: a line on their
+    states, and one on each that needs a person. ``report``: that of the last inspection of the portfolio.
+    """
 
     pid: int | None
     address: str | None
@@ -42,6 +50,8 @@ class ServiceStatus:
     running: Sequence[RunLine] = ()
     coming: Sequence[RunLine] = ()
     failed: Sequence[RunLine] = ()
+    uploads: Sequence[str] = ()
+    report: Path | None = None
 
     @property
     def is_well(self) -> bool:
@@ -55,9 +65,11 @@ def read_status(settings: ServiceSettings) -> ServiceStatus:
     lake = Path(settings.lake)
     service = find_service(lake)
     pid = service.pid if service else None
+    uploads, report = _describe_uploads(settings), lake / PORTFOLIO_FOLDER / "latest.md"
+    beside: dict[str, Any] = {"uploads": uploads, "report": report if report.exists() else None}
     address = os.environ.get("PREFECT_API_URL") or find_running_server(lake)
     if address is None:
-        return ServiceStatus(pid=pid, address=None)
+        return ServiceStatus(pid=pid, address=None, **beside)
     configure_prefect(lake)
     from prefect.client.orchestration import get_client
     from prefect.client.schemas import filters
@@ -89,7 +101,16 @@ def read_status(settings: ServiceSettings) -> ServiceStatus:
             ),
             coming=list_runs([StateType.SCHEDULED], FlowRunSort.EXPECTED_START_TIME_ASC),
             failed=list_runs([StateType.FAILED, StateType.CRASHED], FlowRunSort.END_TIME_DESC),
+            **beside,
         )
+
+
+def _describe_uploads(settings: ServiceSettings) -> list[str]:
+    uploads, problems = list_uploads(settings)
+    there = [one for one in uploads if one.in_source]
+    counts = ", ".join(f"{n} {state}" for state, n in Counter(str(one.state) for one in there).most_common())
+    lines = [describe_upload(one) for one in there if one.state in _NEED_A_PERSON]
+    return [*([counts] if counts else []), *lines, *(f"{one.building_id}: {one.problem}" for one in problems)]
 
 
 def _make_line(run: Any) -> RunLine:
@@ -121,6 +142,8 @@ def show_status(console: Console, status: ServiceStatus) -> None:
         table.add_row("deployments", str(status.deployments))
         for title, runs in (("running", status.running), ("next", status.coming), ("failed last", status.failed)):
             table.add_row(title, "\n".join(escape(_format_line(run)) for run in runs) or "none")
+    table.add_row("uploads", "\n".join(map(escape, status.uploads)) or "none; more: facadelake intake")
+    table.add_row("last report", escape(str(status.report)) if status.report else "none")
     console.print(table, highlight=False)
 
 
