@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+from uuid import UUID
 
 from prefect.client.orchestration import SyncPrefectClient
 from prefect.client.schemas.actions import DeploymentScheduleCreate, WorkPoolCreate
@@ -137,12 +138,7 @@ def plan_deployments(client: SyncPrefectClient, specs: Sequence[DeploymentSpec],
     Raises:
         InputDataError: a deployment of that name is there, and belongs to another lake.
     """
-    flows: dict[Any, str] = {}
-    held: dict[str, DeploymentResponse] = {}
-    for deployment in _read_own(client):
-        if deployment.flow_id not in flows:
-            flows[deployment.flow_id] = client.read_flow(deployment.flow_id).name
-        held[f"{flows[deployment.flow_id]}/{deployment.name}"] = deployment
+    held = _read_own(client)
     wanted = {spec.full_name: spec for spec in specs}
     changes = []
     for name, spec in wanted.items():
@@ -185,12 +181,19 @@ def create_pool(client: SyncPrefectClient) -> None:
             client.create_work_queue(name=name, priority=priority, work_pool_name=POOL)
 
 
-def _read_own(client: SyncPrefectClient) -> list[DeploymentResponse]:
+def read_deployment_names(client: SyncPrefectClient) -> dict[UUID, str]:
+    """The names of Facadelake's deployments on the server, flow/name, by their ids."""
+    return {deployment.id: name for name, deployment in _read_own(client).items()}
+
+
+def _read_own(client: SyncPrefectClient) -> dict[str, DeploymentResponse]:
+    """Facadelake's deployments on the server by flow/name."""
     own = DeploymentFilter(tags=DeploymentFilterTags(all_=[TAG]))
     found: list[DeploymentResponse] = []
     while page := client.read_deployments(deployment_filter=own, limit=_PAGE, offset=len(found)):
         found += page
-    return found
+    flows = {flow_id: client.read_flow(flow_id).name for flow_id in {one.flow_id for one in found}}
+    return {f"{flows[one.flow_id]}/{one.name}": one for one in found}
 
 
 def _write(client: SyncPrefectClient, spec: DeploymentSpec, lake: str) -> None:

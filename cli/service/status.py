@@ -21,6 +21,7 @@ from facadelake.registry import ServiceSettings
 from facadelake.scheduling import PORTFOLIO_FOLDER
 
 _LISTED = 8  # runs of a kind
+_PAGE = 200  # runs in one answer of the server
 _NEED_A_PERSON = (UploadState.REFUSED, UploadState.FAILED, UploadState.STALLED)
 _WORKER_SILENCE_MAX = timedelta(seconds=90)  # a worker reports every 30 s
 
@@ -77,29 +78,33 @@ def read_status(settings: ServiceSettings) -> ServiceStatus:
     from prefect.client.schemas.sorting import FlowRunSort
     from prefect.exceptions import ObjectNotFound
 
-    from flows.deployments import POOL, TAG
+    from flows.deployments import POOL, read_deployment_names
 
     with get_client(sync_client=True) as client:
+        names = read_deployment_names(client)
 
-        def list_runs(states: list[StateType], sort: FlowRunSort) -> list[RunLine]:
+        def list_runs(states: list[StateType], sort: FlowRunSort, limit: int = _LISTED) -> list[RunLine]:
             kind = filters.FlowRunFilterState(type=filters.FlowRunFilterStateType(any_=states))
             own = filters.FlowRunFilter(state=kind, deployment_id=filters.FlowRunFilterDeploymentId(is_null_=False))
-            return [_make_line(run) for run in client.read_flow_runs(flow_run_filter=own, sort=sort, limit=_LISTED)]
+            found = client.read_flow_runs(flow_run_filter=own, sort=sort, limit=limit)
+            return [_make_line(run, names.get(run.deployment_id or run.id, run.name)) for run in found]
 
         try:
             workers = client.read_workers_for_work_pool(POOL)
         except ObjectNotFound:
             workers = []
-        tagged = filters.DeploymentFilter(tags=filters.DeploymentFilterTags(all_=[TAG]))
+        coming: dict[str, RunLine] = {}
+        for line in list_runs([StateType.SCHEDULED], FlowRunSort.EXPECTED_START_TIME_ASC, limit=_PAGE):
+            coming.setdefault(line.name, line)  # Prefect plans several runs of each ahead
         return ServiceStatus(
             pid=pid,
             address=address,
             workers=[(one.name, one.last_heartbeat_time) for one in workers if one.last_heartbeat_time],
-            deployments=len(client.read_deployments(deployment_filter=tagged)),
+            deployments=len(names),
             running=list_runs(
                 [StateType.RUNNING, StateType.PENDING, StateType.CANCELLING], FlowRunSort.START_TIME_DESC
             ),
-            coming=list_runs([StateType.SCHEDULED], FlowRunSort.EXPECTED_START_TIME_ASC),
+            coming=list(coming.values())[:_LISTED],
             failed=list_runs([StateType.FAILED, StateType.CRASHED], FlowRunSort.END_TIME_DESC),
             **beside,
         )
@@ -113,10 +118,10 @@ def _describe_uploads(settings: ServiceSettings) -> list[str]:
     return [*([counts] if counts else []), *lines, *(f"{one.building_id}: {one.problem}" for one in problems)]
 
 
-def _make_line(run: Any) -> RunLine:
+def _make_line(run: Any, name: str) -> RunLine:
     message = (run.state.message or "").splitlines() if run.state else []
     return RunLine(
-        name=run.name,
+        name=name,
         state=run.state_name or "unknown",
         at=run.end_time or run.start_time or run.expected_start_time,
         message=message[0] if message else "",
