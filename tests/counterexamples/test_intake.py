@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from prefect.exceptions import ObjectNotFound
 
 from facadelake.intake import UploadState
 from facadelake.intake.ledger import open_ledger
@@ -57,7 +58,16 @@ def test_uploads_are_listed_and_received_by_hand(service: Path) -> None:
     assert [path.name for path in sorted((service.parent / "photographs").iterdir())] == ["2026-04"]
 
 
-def test_the_flow_logs_what_is_new_once(service: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_the_flow_logs_what_is_new_once_and_has_it_inspected(
+    service: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[tuple[str, str]] = []
+
+    def ask(name: str, *, idempotency_key: str, **_: object) -> None:
+        asked.append((name, idempotency_key))
+        raise ObjectNotFound(Exception("a server without deployments"))
+
+    monkeypatch.setattr("flows.receive_uploads.run_deployment", ask)
     caplog.set_level(logging.INFO, logger="facadelake.flows")
     receive_uploads.fn(str(service))
     assert sum("is growing" in record.message for record in caplog.records) == 2
@@ -69,12 +79,17 @@ def test_the_flow_logs_what_is_new_once(service: Path, caplog: pytest.LogCapture
         "2026-04": UploadState.RECEIVED,
         "2025-04": UploadState.REFUSED,
     }
+    assert [name for name, _ in asked] == ["inspect-portfolio/all"]
+    assert caplog.records.pop().message == (
+        "no deployment 'inspect-portfolio/all' on this server: what was received waits for the next inspection"
+    )
     levels = {record.levelname: record.message for record in caplog.records}
     assert levels["INFO"].startswith("mill: upload '2026-04' is received as campaign 2026-04 (2 photographs, 0.0 MB)")
     assert levels["WARNING"].startswith("mill: upload '2025-04' is refused (2 photographs, 0.0 MB): 2 of 2 photographs")
     caplog.clear()
     receive_uploads.fn(str(service))
     assert [record.message for record in caplog.records] == []
+    assert len(asked) == 1
 
 
 def test_the_flow_leaves_a_pass_to_the_process_that_makes_it(service: Path) -> None:
