@@ -6,9 +6,6 @@ import os
 import urllib.request
 from pathlib import Path
 
-START_LIMIT_S = 180
-
-
 ADDRESS_FILE = "api_url"
 
 
@@ -23,11 +20,16 @@ def find_running_server(lake: Path) -> str | None:
     if not file.is_file():
         return None
     url = file.read_text().strip()
+    return url if is_healthy(url) else None
+
+
+def is_healthy(url: str) -> bool:
+    """Whether a Prefect server answers at ``url``."""
     try:
         with urllib.request.urlopen(f"{url}/health", timeout=2) as answer:
-            return url if answer.status == 200 else None
+            return bool(answer.status == 200)
     except OSError:
-        return None
+        return False
 
 
 def configure_prefect(lake: Path) -> None:

@@ -21,13 +21,15 @@ from prefect.workers.process import ProcessWorker
 from facadelake.core.checkout import CHECKOUT
 from facadelake.core.errors import InputDataError
 from facadelake.registry import Portfolio, Schedule, ServiceSettings
+from facadelake.scheduling import find_limits
 from flows.inspect_building import inspect_building
 from flows.inspect_portfolio import inspect_portfolio
 from flows.receive_uploads import receive_uploads
 
 POOL = "facadelake"
 # Queues of the pool, and which is served first. Intake and the closing of runs never wait for an inspection.
-QUEUES = {"service": 1, "high": 2, "normal": 3, "low": 4}
+SERVICE_QUEUE = "service"
+QUEUES = {SERVICE_QUEUE: 1, "high": 2, "normal": 3, "low": 4}
 TAG = "facadelake"
 _PAGE = 200  # deployments in one answer of the server
 
@@ -97,7 +99,7 @@ def list_specs(portfolio: Portfolio, settings: ServiceSettings, settings_file: s
         DeploymentSpec(
             flow=receive_uploads,
             name="all",
-            queue="service",
+            queue=SERVICE_QUEUE,
             parameters=own,
             schedule=60 * settings.intake.every_minutes,
             description="Uploads of all buildings: what is complete is checked and becomes a campaign.",
@@ -158,27 +160,33 @@ def plan_deployments(client: SyncPrefectClient, specs: Sequence[DeploymentSpec],
     return DeploymentPlan(changes=tuple(changes), specs=wanted, deleted=gone)
 
 
-def apply_deployments(client: SyncPrefectClient, plan: DeploymentPlan, lake: str) -> None:
+def apply_deployments(client: SyncPrefectClient, plan: DeploymentPlan, settings: ServiceSettings) -> None:
     """Create, change and delete what the plan says, with the work pool; a deployment paused by hand stays paused."""
-    create_pool(client)
+    create_pool(client, find_limits(settings.limits).side_by_side)
     for change in plan.changes:
         if change.action == "delete":
             client.delete_deployment(plan.deleted[change.full_name])
         elif change.action != "keep":
-            _write(client, plan.specs[change.full_name], lake)
+            _write(client, plan.specs[change.full_name], settings.lake)
 
 
-def create_pool(client: SyncPrefectClient) -> None:
-    """Create the work pool and its queues where they are missing."""
+def create_pool(client: SyncPrefectClient, side_by_side: int) -> None:
+    """Create the work pool and its queues where they are missing; each queue of inspections runs ``side_by_side``.
+
+    Buildings whose schedules have one date would otherwise start all at once.
+    """
     try:
         client.read_work_pool(POOL)
     except ObjectNotFound:
         template = ProcessWorker.get_default_base_job_template()
         client.create_work_pool(WorkPoolCreate(name=POOL, type="process", base_job_template=template))
-    there = {queue.name for queue in client.read_work_queues(work_pool_name=POOL)}
+    there = {queue.name: queue for queue in client.read_work_queues(work_pool_name=POOL)}
     for name, priority in QUEUES.items():
+        limit = None if name == SERVICE_QUEUE else side_by_side
         if name not in there:
-            client.create_work_queue(name=name, priority=priority, work_pool_name=POOL)
+            client.create_work_queue(name=name, priority=priority, concurrency_limit=limit, work_pool_name=POOL)
+        elif there[name].concurrency_limit != limit:
+            client.update_work_queue(there[name].id, concurrency_limit=limit)
 
 
 def read_deployment_names(client: SyncPrefectClient) -> dict[UUID, str]:

@@ -102,7 +102,7 @@ def deploy(
             return
         if not yes and not typer.confirm("Apply?"):
             raise typer.Exit(1)
-        apply_deployments(client, plan, read.lake)
+        apply_deployments(client, plan, read)
     console.print("Applied.")
 
 

@@ -10,14 +10,13 @@ import subprocess
 import sys
 import threading
 import time
-import urllib.request
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
 
-from cli.prefect_server import ADDRESS_FILE, get_prefect_home
+from cli.prefect_server import ADDRESS_FILE, get_prefect_home, is_healthy
 from facadelake.core.errors import StoreError
 from facadelake.core.processes.identity import ProcessIdentity
 from facadelake.registry import ServiceSettings, read_portfolio
@@ -148,7 +147,7 @@ class Supervisor:
         with get_client(sync_client=True) as client:
             specs = list_specs(portfolio, self.settings, str(self._file))
             plan = plan_deployments(client, specs, self.settings.lake)
-            apply_deployments(client, plan, self.settings.lake)
+            apply_deployments(client, plan, self.settings)
         for change in plan.changes:
             if change.action != "keep":
                 log.info("deployment %s: %s", change.full_name, change.action)
@@ -249,12 +248,3 @@ def stop_service(lake: Path, limit_s: float = 60.0) -> int | None:
             )
         time.sleep(0.1)
     return identity.pid
-
-
-def is_healthy(url: str) -> bool:
-    """Whether a Prefect server answers at ``url``."""
-    try:
-        with urllib.request.urlopen(f"{url}/health", timeout=2) as answer:
-            return bool(answer.status == 200)
-    except OSError:
-        return False

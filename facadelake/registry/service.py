@@ -51,7 +51,8 @@ class NotifySetting(StrictModel):
 class ServiceSettings(StrictModel):
     """What the service runs, where, and within which limits.
 
-    ``database``: PostgreSQL of Prefect, of the lake's catalog and of the intake; None: SQLite files in the lake.
+    ``database``: PostgreSQL of Prefect and of the intake's ledger; None: SQLite files in the lake's folder. The lake's
+    catalog is a SQLite file either way.
     ``port``: of Prefect's page. ``inspect``: when all that waits is inspected.
     """
 

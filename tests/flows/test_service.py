@@ -24,7 +24,8 @@ from facadelake.core.checkout import CHECKOUT
 from facadelake.core.errors import InputDataError
 from facadelake.core.processes.identity import ProcessIdentity
 from facadelake.registry import read_portfolio, read_service_settings
-from flows.deployments import list_specs, plan_deployments
+from facadelake.scheduling import find_limits
+from flows.deployments import POOL, list_specs, plan_deployments
 from flows.inspect_building import inspect_building
 
 BUILDING = {
@@ -91,6 +92,9 @@ def test_the_deployments_are_those_of_the_registry(service: Service) -> None:
     assert plan_deployments(service.client, specs, read.lake).is_empty
     assert "0 to create, 0 to change, 0 to delete" in service.run("deploy", "--dry-run").stdout
     there = service.client.read_deployment_by_name("inspect-building/tower")
+    limits = {one.name: one.concurrency_limit for one in service.client.read_work_queues(work_pool_name=POOL)}
+    one_queue = find_limits(read.limits).side_by_side
+    assert limits.items() >= {"service": None, "high": one_queue, "normal": one_queue, "low": one_queue}.items()
     assert there.parameters["building_id"] == "tower" and there.work_queue_name == "normal"
 
     mill = {**BUILDING, "id": "mill", "priority": "high"}
